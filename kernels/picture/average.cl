@@ -1,22 +1,23 @@
 /* Antialiasing: averages the samples of each pixel, a regular grid of `side` x `side`.
  *
  * The colour is the mean of all samples. Empty samples are black, so the mean is colour times coverage. The depth is
- * the front surface's: it comes from the mean nearness (affine on a plane) of all samples if the pixel shows one
- * surface, otherwise of the samples that are closer to the nearest sample than to the farthest. Samples of filled holes
- * have a colour and a depth, but are not valid: their depths count only in pixels without valid samples.
- * sample_depth, sample_color, sample_valid: (side * height, side * width); depth NaN, and colour and valid 0, if empty.
- * depth, color: (height, width); valid: 1 if any sample is valid; alpha: the fraction of valid samples. GUESSES:
- * sample_guesses: depths of guessed surface; guesses: the pixels' depths if any sample shows guessed surface, else NaN.
- * Work-item: STRIP times LANES pixels of a row. Cost: O(samples). Determinism: every pixel on its own.
+ * that of the front surface. It comes from the mean nearness (which is affine on a plane) of all samples if the pixel
+ * shows one surface. Otherwise, it comes from the samples whose nearness is closer to the nearest sample's than to the
+ * farthest one's. Samples of filled holes have a colour and a depth, but are not valid: their depths only count in
+ * pixels without valid samples. sample_depth, sample_color, sample_valid: (side * height, side * width); in empty
+ * samples, depth is NaN, and colour and valid are 0. depth, color: (height, width). valid: (height, width) 1 if any
+ * sample is valid. alpha: (height, width) fraction of valid samples. With GUESSES: sample_guesses: depths of samples
+ * of guessed surface, equal to sample_depth where it is shown; guesses: depths of pixels that show any, else NaN.
+ * Work-item: STRIP * LANES pixels of a row. Cost: O(samples). Determinism: pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
 
 #ifndef GUESSES
-#define GUESSES 0 /* 1: pixels that show guessed surface are marked, too */
+#define GUESSES 0 /* 1: depths of guessed surface are written, too */
 #endif
 
-/* Nearness of samples; NaN if empty. In pixels of the mask `seen_alone`, filled holes are NaN, too. */
+/* Nearness of samples; NaN in empty samples and, for lanes in the mask `seen_alone`, in filled holes. */
 INLINED floatl nearness_of_samples(global const float *sample_depth, global const uchar *sample_valid, intl at,
                                    int perspective, intl seen_alone)
 {
@@ -28,13 +29,13 @@ INLINED floatl nearness_of_samples(global const float *sample_depth, global cons
     return select_lanes(seen_alone & !seen, (floatl)NAN, n);
 }
 
-/* Nearness of the samples that count: least, greatest and sum, and their number */
+/* Least nearness of the samples that count, greatest nearness, sum of nearness, and number of samples */
 typedef struct {
     floatl low, high, sum;
     intl count;
 } Depths;
 
-/* Depths of the samples whose nearness is `least` or more */
+/* The above values for the samples whose nearness is at least `least` */
 INLINED Depths depths_of(global const float *sample_depth, global const uchar *sample_valid, intl first, int side,
                          int width, int perspective, intl seen_alone, floatl least)
 {
@@ -91,7 +92,7 @@ void average_packet(global const float *sample_depth, global const channel *samp
 }
 
 #if GUESSES
-/* Writes the depths of a packet's pixels if any of their samples shows guessed surface, else NaN. */
+/* Writes the depth of each of a packet's pixels in which any sample shows guessed surface, NaN for the others. */
 INLINED void average_guesses(global const float *sample_depth, global const float *sample_guesses, int side, int width,
                              global const float *depth, global float *guesses, int x0, int y)
 {

@@ -1,22 +1,22 @@
-/* Least and greatest nearness of a surface in windows of its cells (lib/bounds.h).
+/* Finds the least and the greatest nearness of a surface in windows of its cells (lib/bounds.h).
  *
- * surface: picture/edges.cl. bounds: (down, across, 2) least and greatest nearness of each window's valid samples, or
- * (FLT_MAX, -FLT_MAX) without any. Interpolated nearness lies within the bounds, too. Work-item: STRIP windows of a
- * row. Cost: O(samples). Determinism: each window on its own.
+ * surface: picture/edges.cl. bounds: (down, across, 2) least and greatest nearness of each window's valid samples;
+ * (FLT_MAX, -FLT_MAX) without valid samples. Interpolated nearness lies between the bounds, too. Work-item: STRIP
+ * windows of a row. Cost: O(samples). Determinism: windows are independent.
  */
 #include "lib/bounds.h"
 #include "lib/lanes.h"
 
 #define WINDOW_SIDE (2 * BOUNDS_STEP + 1) /* samples */
-#define BOUNDS_ROUNDING 1e-6f /* relative rounding error of interpolated nearness: 16 roundings to 24 bits */
+#define BOUNDS_ROUNDING 1e-6f /* greatest relative error of interpolated nearness: 16 roundings to 24 bits */
 
-/* Writes the bounds of the window of (width, height) samples that starts at `first`. */
+/* Writes the bounds of a window of width x height samples, which starts at `first`. */
 INLINED void bound_window(global const float *first, int pitch, int width, int height, global float *out)
 {
     floatl low = FLT_MAX, high = -FLT_MAX;
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x += LANES) {
-            const int from = min(x, WINDOW_SIDE - LANES); /* reads stay in the window: rows have no room beyond it */
+            const int from = min(x, WINDOW_SIDE - LANES); /* read no sample beyond the window: rows may end there */
             const floatl n = load_lanes(first + y * pitch + from);
             const intl solid = (from + lane_index < width) & (n > NO_SURFACE);
             low = select_lanes(solid, min_lanes(n, low), low);

@@ -1,21 +1,23 @@
-/* A lens's picture from the faces of a cube, or from one pinhole picture: each pixel reads along its own ray.
+/* Computes a lens's picture from the pictures on a cube's faces, or from one pinhole picture: each pixel reads the
+ * place in a face that its own ray hits.
  *
- * If the four surrounding pixels show one surface, nearness (affine on a plane) and colour are interpolated. At the
- * edges of surfaces, next to holes, and if `linear` is 0, they are taken from the nearest pixel. Four pixels show one
- * surface if none is empty, and each step between neighbours is small or equal to the next step in line, so that
- * slopes of any steepness are not edges. With `filled`, holes are not empty, but pixels whose nearest pixel is valid
- * ignore them. places: (3, height, pitch) u and v in the face, NaN for pixels of other faces, and the ratio of the
- * depths in the lens's frame and in the face's frame. face_depth, face_color, face_valid: (face_height, face_width),
- * depth NaN if empty. depth, color, valid: (height, width); pixels of other faces stay, or are emptied with `first`.
- * ORIGINS, CLASSES, GUESSES: origins, classes and guesses are copied, too; pixels without a ray get the class
- * `unseen`. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
+ * If the four face pixels around this place show one surface, nearness (which is affine on a plane) and colour are
+ * interpolated. At the edges of surfaces, next to holes, and if `linear` is 0, they are taken from the nearest face
+ * pixel. Four pixels show one surface if none is empty, and if each step between neighbours is small or equals the next
+ * step in the same row or column: so slopes of any steepness are not edges. With `filled`, a hole is only empty for a
+ * pixel whose nearest face pixel is valid. places: (3, height, pitch) u and v in the face, NaN for pixels of other
+ * faces; and the depth in the lens's frame, divided by the depth in the face's frame. face_depth, face_color,
+ * face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid: (height, width); pixels of other
+ * faces are emptied by the `first` face, and unchanged by the others. With ORIGINS, CLASSES or GUESSES, the origins,
+ * classes or guesses are copied, too; pixels without a ray get the class `unseen`. Work-item: STRIP * LANES pixels of a
+ * row. Cost: O(pixels). Determinism: pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
 #include "lib/taps.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: origins of pixels are copied, too: `source`, (..., 2), in the view `source_view` */
+#define ORIGINS 0 /* 1: pixels' origins are copied, too: the view `source_view`, and the place `source` in it */
 #endif
 #ifndef CLASSES
 #define CLASSES 0 /* 1: classes of pixels are copied, too */
@@ -33,14 +35,14 @@ typedef struct {
 
 typedef struct {
     intl own;         /* mask of the pixels of this face */
-    intl x, y, whole; /* the first of the four surrounding pixels, and whether these show one surface */
+    intl x, y, whole; /* the first of the four pixels around the place; mask: the four show one surface */
     intl nearest;     /* index of the nearest pixel */
     floatl weights[4], z;
     Color color;
 } Reading;
 
-/* Nearness at columns and rows that may lie outside; NaN if empty. In lanes of the mask `seen`, filled holes are NaN,
- * too. */
+/* Nearness of face pixels, which may lie outside of the face; NaN if empty and, for lanes in the mask `seen`, in filled
+ * holes. */
 INLINED floatl face_nearness(Face face, intl seen, intl column, intl row)
 {
     intl known = (column >= 0) & (column < face.width) & (row >= 0) & (row < face.height);
@@ -50,7 +52,8 @@ INLINED floatl face_nearness(Face face, intl seen, intl column, intl row)
     return select_lanes(known, 1.0f / (floatl)(gather(face.depth, at)), (floatl)NAN);
 }
 
-/* Tells whether the step from b to c is small, or equals the step from a to b or from c to d. False for NaN. */
+/* Tells whether the step from b to c is small, or equals the step from a to b, or equals that from c to d. False for
+ * NaN. */
 INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
 {
     const floatl step = c - b, small = ONE_SURFACE * min_lanes(b, c);
@@ -112,7 +115,7 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     return read;
 }
 
-/* Writes the first `count` of a packet's pixels; pixels of other faces are emptied, or stay. */
+/* Writes the first `count` of a packet's pixels. Pixels of other faces are emptied if `empties` is 1, else unchanged. */
 INLINED void write_packet(const Reading *read, Face face, int count, int empties, global float *depth,
                           global channel *color, global uchar *valid)
 {
@@ -180,7 +183,7 @@ INLINED void copy_classes(const Reading *read, int count, int empties, global co
 #endif
 
 #if GUESSES
-/* Writes the depths of pixels that show guessed surface: one guessed pixel of the face suffices. */
+/* Writes the depths of pixels that show guessed surface: one of the face pixels that are read shows it. */
 INLINED void copy_guesses(const Reading *read, Face face, int count, global const float *face_guesses,
                           global const float *depth, global float *guesses)
 {

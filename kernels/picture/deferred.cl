@@ -1,18 +1,18 @@
 /* Deferred lighting of things made of images, after all things are drawn.
  *
- * The G-buffer (lib/gbuffer.h) marks the pixels that show such things. RELIT 0: their colours contain the light of
- * the photograph, so only shadows are added. A point in shadow keeps the light's ambient part. So does a point whose
- * surface faces away from the light; direct light fades to 0 over the cosines from `fade` to 0. RELIT 1: colours are
- * the surface's own and are shaded as on meshes (lib/light.h), by the thing's normals, or by normals from the
- * picture's depths `neighbour_offset` pixels away. A normal that points away from the viewer belongs to the surface's
- * back and is reversed. For shadow maps, normals always come from depths, since the thing's normals may be
- * interpolated.
+ * The G-buffer (lib/gbuffer.h) marks the pixels that show such things. With RELIT 0, their colours contain the light of
+ * the photograph, so only shadows are added. In shadow, only the light's ambient part remains. The same holds where the
+ * surface faces away from the light; direct light fades out as the cosine between normal and light falls from `fade` to
+ * 0. With RELIT 1, colours are the surface's own and are shaded as on meshes (lib/light.h), by the thing's normals, or
+ * by normals from depths at pixels `neighbour_offset` apart. A normal that points away from the viewer belongs to the
+ * surface's back and is reversed. To read shadow maps, normals from depths are always used, since the thing's normals
+ * may be interpolated.
  *
  * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are only read for things that have
- * them. things: (things, THING); for each thing, the shadow bias in scene units; the distance in pixels between the
- * depths that give slopes; the cosine `fade`, 0 for solids, whose fronts shadow their backs; 1 if it has normals.
- * depth, color: the picture. Work-item: LANES pixels of a row. Cost: O(pixels), once for each thing that a
- * work-item's pixels show. Determinism: every pixel on its own.
+ * them. things: (things, THING); for each thing: the shadow bias in scene units; the distance in pixels between depths
+ * from which slopes are computed; the cosine `fade`, 0 for solids, whose fronts shadow their backs; 1 if the thing has
+ * normals. depth, color: the picture. Work-item: LANES pixels of a row. Cost: O(pixels) for each thing in them.
+ * Determinism: pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/light.h"
@@ -22,12 +22,12 @@
 #define RELIT 0 /* 1: colours are the surface's own */
 #endif
 #define THING 4
-#define BACKFACING 0.2f /* cosine up to which interpolated normals of visible surfaces may point away from the viewer */
+#define BACKFACING 0.2f /* cosine: so far, interpolated normals of visible surfaces may point away from the viewer */
 #define SHORTEST_MEAN 0.1f /* shorter interpolated normals have no certain direction: 8 bits resolve 0.004 */
 
 #if RELIT
-/* A thing's normals, turned towards the viewer, who looks along `ahead`. Where they are too short, the normals from
- * depths, `facing`. */
+/* A thing's normals, turned towards the viewer, who looks along `ahead`. Where they are too short, `facing` is
+ * returned: the normals from depths. */
 INLINED Vector normal_of(global const float *normals, intl pixel, Vector facing, Vector ahead)
 {
     const Vector mapped = vector_at(normals, pixel);

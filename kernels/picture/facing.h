@@ -3,11 +3,11 @@
 /* Normals from a picture's depths, for surfaces without other normals. */
 #include "lib/screen.h"
 
-/* The part of a picture that shows one thing. Slopes are computed only from its pixels. */
+/* The part of a picture that shows one thing. Slopes are computed from pixels of this part alone. */
 typedef struct {
     global const float *depth;
     global const float *entered; /* depths in the G-buffer (lib/gbuffer.h), or 0 if the whole picture shows one thing */
-    global const int *things;    /* numbers of things in the G-buffer */
+    global const int *things;    /* the G-buffer's number of the thing at each pixel */
     int thing;
 } Shown;
 
@@ -37,8 +37,8 @@ INLINED floatl picture_nearness(Shown shown, Screen screen, int x, int y)
     return select_lanes(of_thing & (z == z), DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
 }
 
-/* A tangent of the surface at a pixel's point p, in the picture's direction (dx, dy). At an isolated pixel, the surface
- * is assumed to be level. */
+/* A tangent of the surface at a pixel's point p, along (dx, dy) in the picture. If both neighbours in this direction
+ * are missing, nearness is assumed to stay the same. */
 INLINED Vector tangent_along(Shown shown, Screen screen, int x, int y, int dx, int dy, floatl n, Vector p)
 {
     const floatl next = picture_nearness(shown, screen, x + dx, y + dy),
@@ -49,9 +49,9 @@ INLINED Vector tangent_along(Shown shown, Screen screen, int x, int y, int dx, i
     return scaled(minus(point_at(screen, there_x, there_y, select_lanes(near > EMPTY, near, n)), p), sign);
 }
 
-/* The unit normals of LANES pixels of a row, starting at x, towards the viewer. Along x and along y, the slope is taken
- * from one of the two neighbours `neighbour_offset` pixels away: the one whose nearness differs less. n, p: the pixels'
- * nearness and points. */
+/* The unit normals of LANES pixels of a row, from x on, turned towards the viewer. Along each axis, the slope leads to
+ * one of the two neighbours that are `neighbour_offset` pixels away: to the one whose nearness differs less. n, p: the
+ * pixels' nearness and points. */
 INLINED Vector facing_at(Shown shown, Screen screen, int x, int y, int neighbour_offset, floatl n, Vector p)
 {
     const Vector across = tangent_along(shown, screen, x, y, neighbour_offset, 0, n, p);

@@ -1,12 +1,14 @@
-/* Conversion of depth to nearness: the sweep and the searches read 1/z (perspective) or -z (orthographic), never z.
+/* Converts depth to nearness: 1/z (perspective) or -z (orthographic). Later kernels read nearness alone.
  *
- * Work-item: `piece` samples of a row, a multiple of LANES or the whole row; it also stores their range, which bounds
- * the view's reach. depth: (src_height, src_width) planar z; NaN or <= NEAREST becomes NO_SURFACE, >= far or infinite
- * becomes FREE_RAY, which is less than NO_SURFACE. nearness: (src_height, src_pitch); the pitch is not a power of
- * two, because columns are read, too. ranges: (pieces, 2) least and greatest nearness of each piece, (inf, -inf)
- * without samples. to_bridged_nearness: single missing samples inside a surface, through which the background would
- * show, are interpolated between their left and right neighbours, or between the neighbours above and below, if these
- * are one surface. Cost: O(samples), one pass. Determinism: every sample from depths alone.
+ * to_bridged_nearness also fills single missing samples inside a surface, through which the background would show: they
+ * are interpolated between their left and right neighbours, or between the neighbours above and below, if these two lie
+ * on one surface.
+ *
+ * depth: (src_height, src_width) planar z; NaN or <= NEAREST becomes NO_SURFACE, >= far or infinite becomes FREE_RAY,
+ * which is less than NO_SURFACE. nearness: (src_height, src_pitch); the pitch is not a power of two, as this would slow
+ * down reads along columns. ranges: (pieces, 2) least and greatest nearness of each piece, from which the view's reach
+ * in a picture is computed; (inf, -inf) without samples. Work-item: a piece of a row: `piece` samples, a multiple of
+ * LANES, or the whole row. Cost: O(samples). Determinism: each sample depends on depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"

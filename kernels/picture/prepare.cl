@@ -1,17 +1,17 @@
-/* A surface in one launch, on CPUs: nearness, edges, border, margins and prominence are computed band by band, while
- * each band of rows is in cache.
+/* Computes a whole surface in one launch, on CPUs: nearness, edges, border, margins and prominence of one band of rows
+ * after the other, while the band is in cache.
  *
- * Arguments: as in picture/nearness.cl (skipped if `converts` is 0, since the nearness is known), picture/edges.cl
- * and picture/small_parts.cl. band: rows of a band, at least BAND_HALO. A band needs rows around it. Two work-items
- * compute these rows, with the same values, so that none has to wait for another.
+ * Arguments: as in picture/nearness.cl, picture/edges.cl and picture/small_parts.cl. converts: 0 if the nearness is
+ * already known. band: number of rows of a band, at least BAND_HALO. A band also needs the rows around it. So two
+ * work-items compute these rows, with equal results, and none has to wait for another.
  * Work-item: a band. Cost: O(samples). Determinism: as in the kernels that it replaces.
  */
 #include "picture/edges.cl"
 #include "picture/nearness.cl"
 #include "picture/small_parts.cl"
 
-#define BAND_HALO 2  /* rows above and below that prominence reads */
-#define EDGE_HALO 3  /* further rows on which their edges depend */
+#define BAND_HALO 2  /* rows on each side of a band whose edges prominence reads */
+#define EDGE_HALO 3  /* further rows on which these edges depend */
 
 #if LANES > 1
 kernel void prepare(global const float *depth, global float *nearness, global float *ranges, int converts, float far,
@@ -20,7 +20,7 @@ kernel void prepare(global const float *depth, global float *nearness, global fl
                     Cut cut, EdgeTest test)
 {
     const int id = get_global_id(0), half_ = ((height + band - 1) / band + 1) / 2;
-    /* Runtimes give neighbouring work-items to one thread. This order spreads each thread's bands over the image. */
+    /* Runtimes give neighbouring work-items to one thread. With this order, a thread's bands lie all over the image. */
     const int first = (id < half_ ? 2 * id : 2 * (id - half_) + 1) * band, end = min(first + band, height), row = width + 2;
     if (first >= height)
         return;

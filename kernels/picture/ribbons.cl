@@ -1,13 +1,13 @@
 /* Finds the ribbons of parts that are one sample wide (lib/ribbons.h), such as wires, leaves and bars.
  *
- * surface: (height + 2, pitch), picture/edges.cl. begins: (height, width), initially 0; bit `neighbour` of a thin
- * sample is set if the sample owns the ribbon to this neighbour. Work-item: STRIP * LANES samples of a row. Cost:
- * O(samples), and a read of each neighbour of thin samples. Determinism: samples are independent.
+ * surface: (height + 2, pitch), picture/edges.cl. begins: (height, width), initially 0; in a thin sample's value, bit k
+ * is set if the sample owns a ribbon to its neighbour number k. Work-item: STRIP * LANES samples of a row. Cost:
+ * O(samples); thin samples also read all of their neighbours. Determinism: samples are independent.
  */
 #include "lib/lanes.h"
 #include "lib/ribbons.h"
 
-/* Reads LANES samples of a row, starting at x0, and their left and right neighbours; NO_SURFACE outside the image. */
+/* Reads LANES samples of row y, from x0 on, and their left and right neighbours; NO_SURFACE outside of the image. */
 INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floatl *right)
 {
     const intl x = x0 + lane_index;
@@ -22,7 +22,7 @@ INLINED void load_row(Grid grid, int x0, int y, floatl *left, floatl *here, floa
     set_float_lane(*left, 0, x0 > 0 ? own[-1] : NO_SURFACE);
 }
 
-/* Tells whether a cell of samples is torn or incomplete. */
+/* Tells whether a cell is not whole: two of its samples are torn apart, or one is missing. */
 #define IS_TORN(q00, q10, q01, q11)                                                                            \
     (IS_LOWER_OPEN(q00) | IS_UPPER_OPEN(q00, q10, q01) | (min_lanes(q01, q11) <= NO_SURFACE))
 

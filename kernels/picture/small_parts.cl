@@ -1,18 +1,17 @@
-/* Small parts of a surface: its margins (lib/margins.h), which no triangle covers, and samples that stand out from
+/* Finds small parts of a surface: margins (lib/margins.h), which no triangle covers, and samples that stand out from
  * their surroundings (lib/prominence.h), which epipolar lines may miss.
  *
- * A margin's plane continues a triangle of the same cell, if there is one. Otherwise, its slope is the slope towards
- * the sample's neighbours on the same surface, and 0 towards torn neighbours: a slope from the opposite side would
- * amplify noise, and round surfaces would stick out.
+ * If the margin's cell has a closed triangle, the margin continues this triangle's plane. Otherwise, its slope leads to
+ * the sample's neighbours on the same surface, and is 0 towards torn neighbours: if it were taken from the opposite
+ * side, noise would be amplified, and round surfaces would get spikes.
  *
- * surface: picture/edges.cl. noise: picture/noise.cl. count: the number of quarters, initially 0. margins:
- * (MARGIN_PLANES, capacity), lib/margins.h; if `count` exceeds the capacity, some are missing, and the caller
- * launches again with more room. prominence: (height, blocks, 2) maximum prominence in each block of PROMINENCE_BLOCK
- * samples of a row, from the front and from the back; INFINITY if a sample is torn off on both sides, -INFINITY if
- * noise explains all.
- * Work-item of look_around: `piece` samples of a row, a multiple of PROMINENCE_BLOCK or the whole row; it counts its
- * quarters and reserves as many columns. Cost: O(samples). Determinism: the same quarters, in any order; each block
- * on its own.
+ * surface: picture/edges.cl. noise: picture/noise.cl. count: the number of margins, initially 0. margins:
+ * (MARGIN_PLANES, capacity), lib/margins.h; if `count` exceeds the capacity, some are missing, and the caller launches
+ * again with more room. prominence: (height, blocks, 2) greatest prominence in each block of PROMINENCE_BLOCK samples
+ * of a row, seen from the front and from the back; INFINITY if a sample is torn off on both sides, -INFINITY if noise
+ * explains the prominence of all samples.
+ * Work-item: `piece` samples of a row, a multiple of PROMINENCE_BLOCK, or the whole row. Cost: O(samples). Determinism:
+ * the margins are the same, but in any order; blocks are independent.
  */
 #include "lib/margins.h"
 #include "lib/prominence.h"
@@ -25,7 +24,7 @@ typedef struct {
     intl torn_left, torn_right, torn_above, torn_below;
 } Around;
 
-/* Masks of the margins in the samples' four quarters. A quarter's number is the sum of TO_RIGHT and TO_BELOW. */
+/* Masks of the samples whose quarters are margins. A quarter's number, 0 to 3, is the sum of its TO_... bits. */
 typedef struct {
     intl lower[4], upper[4];
 } Parts;
@@ -48,8 +47,9 @@ INLINED Around around_of(global const float *own, int pitch)
     return n;
 }
 
-/* A quarter is a margin if its cell's triangle is open. The sample is the last corner of the cell on its upper left,
- * the first corner of the cell on its lower right, and a corner of both triangles in the other two cells. */
+/* A quarter is a margin where the sample's triangle in the quarter's cell is open. In the cell on the upper left, the
+ * sample is the last corner and only belongs to the second triangle; in the cell on the lower right, it is the first
+ * corner and only belongs to the first triangle; in the other two cells, it belongs to both. */
 INLINED Parts parts_of(Around n, intl wanted)
 {
     const intl solid = wanted & (n.here > NO_SURFACE);
@@ -64,19 +64,19 @@ INLINED Parts parts_of(Around n, intl wanted)
     return parts;
 }
 
-/* Tells whether any of a packet's samples is next to an edge. */
+/* Tells whether any of a packet's samples lies next to a torn edge. */
 INLINED int any_edge(Around n)
 {
     return any_lane(((as_intl(n.here) | as_intl(n.left) | as_intl(n.above) | as_intl(n.above_left)) & TORN_ALL) |
                     (as_intl(n.above_right) & TORN_BELOW) | (as_intl(n.below_left) & TORN_RIGHT));
 }
 
-/* The slopes of the packet's quarters with a given number. Without a triangle in the same cell, slopes are limited to
- * surfaces that face the camera, since a steeper surface may end there. */
+/* The slopes of the packet's margins in quarters with a given number. Unless the cell has a closed triangle, they are
+ * at most as steep as surfaces that face the camera, since a steeper surface may end there. */
 INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest test, floatl *slope_x, floatl *slope_y)
 {
     const floatl left = n.here - n.left, right = n.right - n.here, up = n.here - n.above, down = n.below - n.here;
-    const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the cell's other triangle exists */
+    const intl beside_upper = lower & !upper, beside_lower = upper & !lower; /* the cell's other triangle is closed */
     const floatl flat = 0.0f; /* towards torn neighbours */
     *slope_x = number & TO_RIGHT ? select_lanes(n.torn_right, flat, right) : select_lanes(n.torn_left, flat, left);
     *slope_y = number & TO_BELOW ? select_lanes(n.torn_below, flat, down) : select_lanes(n.torn_above, flat, up);
@@ -92,7 +92,7 @@ INLINED void slopes_of(Around n, intl lower, intl upper, int number, EdgeTest te
     }
 }
 
-/* The samples' prominence along the row or the column, whichever is greater, from the front and from the back */
+/* The samples' prominence from the front and from the back: the greater of those along the row and along the column */
 INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
 {
     const intl before = as_intl(n.left_1) | as_intl(n.left_2) | as_intl(n.above_1) | as_intl(n.above_2);
@@ -103,7 +103,7 @@ INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
         *back = max_lanes(PROMINENCE(n.here, all.left, all.right, 1), PROMINENCE(n.here, all.above, all.below, 1));
         return;
     }
-    /* Most packets: nothing is torn. */
+    /* In most packets, nothing is torn. */
     const floatl row_low = max_lanes(min_lanes(n.left_1, n.left_2), min_lanes(n.right_1, n.right_2));
     const floatl row_high = min_lanes(max_lanes(n.left_1, n.left_2), max_lanes(n.right_1, n.right_2));
     const floatl column_low = max_lanes(min_lanes(n.above_1, n.above_2), min_lanes(n.below_1, n.below_2));
@@ -114,7 +114,8 @@ INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
 
 #define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples per pass: margins are counted, then written */
 
-/* Writes the margins of the packets whose bits are set, starting at sample x0 and at column `at`. */
+/* Writes the margins of some packets to the columns from `at` on. packets: bit i is set for the packet i * LANES
+ * samples after x0 */
 OUTLINED void write_quarters(uint packets, Grid grid, int x0, int y, EdgeTest test, global float *margins, int at, int capacity)
 {
     for (; packets; packets &= packets - 1) {
@@ -176,7 +177,7 @@ OUTLINED void look_around_row(Grid grid, int first, int end, int y, EdgeTest tes
                 front = select_lanes(solid & (front_here > explained), max_lanes(front_here, front), front);
                 back = select_lanes(solid & (back_here > explained), max_lanes(back_here, back), back);
             }
-            const int any = any_lane(max_lanes(front, back) > -INFINITY); /* mostly none */
+            const int any = any_lane(max_lanes(front, back) > -INFINITY); /* 0 in most packets */
             most[0] = any ? -least_lane(-front) : -INFINITY;
             most[1] = any ? -least_lane(-back) : -INFINITY;
         }

@@ -1,8 +1,8 @@
-/* Undistortion: resamples a lens's image to the image of a pinhole camera at the same position.
+/* Resamples a lens's image to the image of a pinhole camera at the same position (undistortion).
  *
- * If the triangle of samples around a pixel is one surface (lib/surface.h), nearness and colour are interpolated
- * between its corners; nearness is affine over the triangle. At depth edges and in holes, both are taken from the
- * nearest sample, so edges stay sharp. If `linear` is 0, colours are taken from the nearest sample everywhere.
+ * If the three samples around a pixel lie on one surface (lib/surface.h), nearness and colour are interpolated between
+ * them; nearness is affine over their triangle. At depth edges and in holes, both are taken from the nearest sample, so
+ * edges stay sharp. If `linear` is 0, colours are taken from the nearest sample everywhere.
  * places: (2, height, pitch) u and v in the lens's image, NaN outside of it. lens_depth, color: (lens_height,
  * lens_width) the lens's image, with planar z; a depth that is not finite, <= NEAREST or >= far is invalid.
  * undistorted_depth, undistorted_color: (height, width); depth is NaN, and colour black, outside of the lens's image.
@@ -25,7 +25,7 @@ kernel void undistort(global const float *places, global const float *lens_depth
     const Taps taps = clamped_taps(lens_width, lens_height, select_lanes(inside, u, (floatl)0.0f),
                                    select_lanes(inside, v, (floatl)0.0f));
 
-    /* The triangle around the position, and the weights of its corners */
+    /* The triangle of samples around the position, and the weights of its corners */
     const intl lower = taps.fx + taps.fy > 1.0f;
     const intl corners[3] = {select_lanes(lower, taps.at[3], taps.at[0]), taps.at[1], taps.at[2]};
     floatl weights[3];

@@ -1,31 +1,31 @@
-/* Draws a thing into a picture, and marks surface that none of the given depth images has seen.
+/* Draws a thing into a picture, and marks the parts of its surface that none of the given depth images has seen.
  *
- * An image saw a point if one of the four samples around it is not nearer than the point; on a sloping surface, one
- * of them is farther. Silhouettes are therefore accurate to one sample. Normals come from the thing's depths
- * (picture/facing.h): an image on the other side of the surface has seen its back.
+ * An image saw a point if one of the four samples around the point's place in the image is not nearer than the point:
+ * on a sloping surface, one of them is farther. So the silhouettes of things in front are accurate to one sample.
+ * Normals come from the thing's depths (picture/facing.h): an image on the other side of the surface has seen its back.
  *
- * own_depth, own_color: (height, width) the thing drawn alone. depth, color, valid: the picture; blank: 1 if nothing
- * has been drawn there. maps: the images' depths, one after the other, 0 where invalid. views, places: a record for
- * each image, of VIEW_FLOATS and VIEW_INTS numbers. bounds: only points inside are marked. fronts, backs: 1 if images
- * that face the surface's front, or back, count. red, green, blue: the mark's colour; share: its weight. Work-item:
- * LANES pixels of a row. Cost: O(pixels * images). Determinism: every pixel on its own.
+ * own_depth, own_color: (height, width) the thing drawn alone. depth, color, valid: (height, width) the picture; blank:
+ * 1 if nothing has been drawn into it. maps: the images' depths, one image after the other, 0 where invalid. views,
+ * places: for each image, VIEW_FLOATS and VIEW_INTS numbers. bounds: a box: only points inside are marked. fronts,
+ * backs: 1 if images count that face the surface's front, its back. red, green, blue: the mark's colour; share: its
+ * weight, 0 to 1. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
 #include "picture/facing.h"
 
-/* 16 numbers of the map to pixel space, 4 of the row for planar depth, 4 of the centre (w = 1) or the direction to the
- * camera (w = 0), and the size of a sample at depth 1 */
+/* 16 numbers of the matrix from the world to pixel space; 4 of the row for planar depth; 4 of the camera's centre (w =
+ * 1) or the direction to the camera (w = 0); and the side of a sample in scene units, at depth 1 if perspective */
 #define VIEW_FLOATS 28
 #define VIEW_INTS 3 /* width, height, start in `maps` */
-#define SAMPLE_TOLERANCE 1.0f /* samples, for curved surfaces */
-#define EDGE_ON 0.05f /* cosine: an image may have seen either side of a more oblique surface */
+#define SAMPLE_TOLERANCE 1.0f /* samples by which a sample may be nearer than the point, as surfaces are curved */
+#define EDGE_ON 0.05f /* cosine: if a surface is more oblique, an image may have seen either of its sides */
 
 typedef struct {
     float low[3], high[3]; /* corners of a box, relative to the points' origin */
 } Bounds;
 
-/* Tells whether an image sees a point, from either side, by the depths of its samples. */
+/* Tells from the depths of an image's samples whether the image sees a point, from either side of the surface. */
 INLINED intl sees(global const float *maps, global const float *view, global const int *place, Vector p)
 {
     const int width = place[0], height = place[1], start = place[2];

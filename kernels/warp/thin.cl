@@ -21,7 +21,7 @@
 #define NO_RIBBON 0xFFFFFFFFu
 #define END_BIAS 1024u /* units of the key's last bit: subtracted on the half squares beyond a ribbon's samples, so that
                            a surface that goes on there in the same plane shows its own colours */
-#define NEARER 1e-6f /* fraction of the depth: at its samples, a ribbon is as near as the surface, except for rounding */
+#define NEARER 1e-6f /* fraction of the depth, for rounding: at its samples, a ribbon is as near as the surface */
 
 /* A ribbon is the area that a square covers as it moves. [*low, *high] is the part of the motion, 0 to 1, during which
  * the square covers a point; it is narrowed by one axis. p: the point's offset from the first square's middle; d: the

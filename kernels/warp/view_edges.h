@@ -4,12 +4,12 @@
 #include "lib/lanes.h"
 
 #define FEATHER 8          /* samples within which weights fade towards an edge */
-#define STEPS 4            /* units of a byte per sample of distance */
+#define STEPS 4            /* number by which a byte grows per sample of distance */
 #define FAR_FROM_EDGES 33  /* 1 + STEPS * FEATHER */
-#define DISTANCE_BITS 63   /* the distance in a sample's byte; the own byte also has these bits: */
+#define DISTANCE_BITS 63   /* bits of a byte that store the distance; a sample's own byte also has these bits: */
 #define LOWER_OPEN 64      /* the triangles of the sample's cell are open */
 #define UPPER_OPEN 128
-#define EDGE_DEVIATIONS 8.0f /* standard deviations of the noise that explain a step between neighbours */
+#define EDGE_DEVIATIONS 8.0f /* standard deviations of the noise: smaller differences of depth are no step */
 #define STEEP 11.0f    /* slope of a surface at 5 degrees to its rays: a steeper one is a step */
 #define STEP_MIN 0.01f /* fraction of the depth: smaller differences are no step */
 

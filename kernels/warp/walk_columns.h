@@ -86,7 +86,7 @@ INLINED void extend_torn(Interval *interval, HitWriter *writer, Step step, Targe
     const int is_clipped = any_lane((step.begins > 0.0f) | (step.ends < 1.0f));
     Projection begin = step.from.place, enters = begin, held_begin = begin, held_end = begin, last = begin;
     floatl entered = 0.0f;
-    intl inside = 0, held = 0; /* held: mask of lanes whose run has ended, until the other lanes' runs have ended, too */
+    intl inside = 0, held = 0; /* held: mask of runs that have ended and wait until the other lanes' runs end, too */
     for (int part = 0; part < 4; part++) {
         const floatl leaves = CHOSEN(triangles.leaves, part);
         Projection left = step.to.place;
