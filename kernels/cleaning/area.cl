@@ -1,13 +1,16 @@
-/* The area in which samples may be invented: the pixels that lie in no disc of radius `reach` without samples.
+/* Finds the area in which samples may be invented: all pixels except those of discs, of radius `reach`, without
+ * samples.
  *
- * This is a morphological closing by a disc: a dilation of the samples, then an erosion of the result. Each of them
- * takes two passes: distances within the columns, then a search along the row for a column whose distance lies within
+ * This is a morphological closing by a disc: a dilation of the samples, then an erosion of the result. Both find the
+ * pixels that have a pixel of some kind within the disc around them. This takes two passes: the first finds the
+ * distance to such a pixel within each column; the second searches along the row for a column whose distance lies in
  * the disc.
  *
- * marks: a plane of bytes; the search is for pixels of the image with any of `bits` if `wanted` is 1, or with none
- * of them if it is 0. distances: a plane, up to reach + 1. near: a plane, 1 if such a pixel lies within the disc.
- * Work-item: LANES columns (column_distances), `strip` packets of a row (within_disc). Cost: at most O(pixels * reach);
- * a packet ends its search once all of its pixels are done. Determinism: pixels read only finished planes.
+ * marks: a plane of bytes (plane.h). If `wanted` is 1, pixels with any of `bits` are searched for; if it is 0, pixels
+ * of the image with none of them. distances: a plane, at most reach + 1 pixels. near: a plane, 1 if such a pixel lies
+ * within the disc. Work-item: LANES columns (column_distances), `strip` packets of a row (within_disc). Cost: at most
+ * O(pixels * reach); a packet's search ends once it has found a pixel for all lanes. Determinism: kernels read only
+ * finished planes.
  */
 #include "cleaning/plane.h"
 
@@ -45,7 +48,7 @@ kernel void within_disc(global const int *distances, global uchar *near, ImagePl
         if (IS_PACKET_OF_IMAGE(plane, x, row)) {
             const intl is_column = IN_IMAGE(plane, x);
             for (int off = 0; off <= reach && any_lane(is_column & !found); off++) {
-                const int most = reach * reach - (off ? off * off - off + 1 : 0); /* half a pixel more than a circle */
+                const int most = reach * reach - (off ? off * off - off + 1 : 0); /* half a pixel wider along rows */
                 if (x - off + LANES > ASIDE) {
                     const intl left = load_lanes(distances + at - off);
                     found |= left * left <= most;

@@ -1,4 +1,4 @@
-/* All kernels that clean an image, as one program: starting a build takes longer than compiling a kernel. */
+/* All kernels that clean an image, as one program: each program's build has a fixed cost, above that of a kernel. */
 #include "cleaning/place.cl"
 #include "cleaning/keep.cl"
 #include "cleaning/area.cl"

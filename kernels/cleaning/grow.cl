@@ -1,35 +1,35 @@
-/* Region growing: spreads depth from seeds over an area, between similar colours first, so that fronts from two sides
- * meet at colour edges.
+/* Region growing: spreads depth from seeds over an area. It goes on between similar colours first, so regions that grow
+ * from two sides meet at colour edges.
  *
- * Each step between neighbours has a class, 0 to 3: their colours differ little, somewhat, much or fully (tint.h). The
- * cost of a path is its worst class, then the number of steps since the path first met this class: (class, steps) as
- * one number. Each pixel belongs to the seed of least cost: its depth comes from the neighbour with the most similar
- * colour among its neighbours of lower cost (on ties, from the first in EACH_STEP). The result equals region growing
- * step by step, class after class (in the manner of Adams, Bischof: Seeded region growing, 1994), but needs no order
- * in time.
+ * A step from a pixel to a neighbour has a class, 0 to 3: the two colours differ little, somewhat, much or fully
+ * (tint.h). The cost of a path from a seed is its greatest class, then the number of steps since the path first met
+ * this class: (class, steps) as one number. A pixel's cost is the least cost of a path to it. Of the neighbours with a
+ * lower cost, the one with the most similar colour gives the pixel its depth (if several are equally similar, the first
+ * in EACH_STEP). The result equals region growing step by step, class after class (in the manner of Adams, Bischof:
+ * Seeded region growing, 1994), but does not depend on the order of computation.
  *
- * `relax` lowers the costs in place, tile by tile, until nothing changes; only the tile's own work-item writes its
- * costs. It may read an old or a new cost of a neighbour: both belong to existing paths, and the least costs are
- * unique, so the result does not depend on the order. A tile is skipped if its surroundings did not change in the
- * previous pass.
+ * `relax` lowers the costs in place, tile by tile, until nothing changes. Only a tile's own work-item writes the tile's
+ * costs. It may read an old or a new cost of a neighbouring tile: both are costs of existing paths, and the least costs
+ * are unique, so the result does not depend on the order. A tile is skipped if neither it nor a neighbouring tile
+ * changed in the previous pass.
  *
- * marks: plane.h; begin_growth removes AREA from DOUBTED pixels where `near` (area.cl) is 1. near: 1 outside the area.
- * tint: tint.h. costs: a plane, 0 at seeds. steps: a plane, 2 bits for each step in the order of EACH_STEP. stamps:
- * (down + 2, across + 2), for each tile the last pass that changed it, 0 around the tiles. parents: a plane, the
- * neighbour that gives its depth, STAY at seeds. measured, before, grown: planes of depth, 0 for none. Work-item:
- * `strip` packets of a row, or a tile (relax). Cost: O(pixels + filled pixels * length of their paths). Determinism:
- * see above.
+ * marks: plane.h; begin_growth removes AREA from DOUBTED pixels where `near` is 1. near: a plane, 1 outside of the area
+ * (area.cl). tint: tint.h. costs: a plane, 0 at seeds. steps: a plane, 2 bits for the class of each step in EACH_STEP.
+ * stamps: (down + 2, across + 2) number of the last pass that changed the tile; 0 around the tiles. parents: a plane,
+ * number of the neighbour that gives the pixel its depth, STAY at seeds. measured, before, grown: planes of depth, 0
+ * for none. Work-item: `strip` packets of a row, or a tile (relax). Cost: O(pixels + filled pixels * length of their
+ * paths). Determinism: see above.
  */
 #include "cleaning/plane.h"
 #include "cleaning/tint.h"
 
-#define OUTSIDE 0x7ffffff8 /* cost outside the area; UNREACHED: cost within it, before a path has reached the pixel */
+#define OUTSIDE 0x7ffffff8 /* cost outside of the area; UNREACHED: cost in the area, until a path reaches the pixel */
 #define UNREACHED 0x7ffffff0
 #define CLASS_SHIFT 29
-#define GROWN_ROWS 16 /* of a tile */
+#define GROWN_ROWS 16 /* number of a tile's rows */
 #define STAY 4
 
-/* Steps to the neighbours: number, across, down */
+/* Steps to the neighbours: the step's number, pixels across (to the right) and down */
 #define EACH_STEP(F) F(0, 0, -1) F(1, -1, 0) F(2, 1, 0) F(3, 0, 1) F(4, -1, -1) F(5, 1, -1) F(6, -1, 1) F(7, 1, 1)
 
 kernel void begin_growth(global uchar *marks, global const uchar *near, global const uint *tint, int has_color,
@@ -65,7 +65,7 @@ kernel void begin_growth(global uchar *marks, global const uchar *near, global c
     }
 }
 
-/* Lowers the costs of a packet. Returns whether any has changed. */
+/* Lowers the costs of a packet. Returns 1 if any of them changed. */
 INLINED int relax_packet(global const int *steps, global int *costs, int at, int pitch)
 {
     const intl cost = load_lanes(costs + at), is_open = (cost > 0) & (cost < OUTSIDE);

@@ -1,24 +1,24 @@
-/* Speckle: islands of few samples, apart from their surroundings, that are unlikely to be a surface.
+/* Finds speckle: islands of few samples, apart from their surroundings, that are unlikely to be a surface.
  *
- * Vertical or horizontal neighbours belong to one island if they differ by at most 1. The label of an island is the
- * index of its first pixel: runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new
- * algorithm for parallel connected-component labelling on GPUs, 2018). An island of at most SPECKLE pixels, and
- * at most a tenth of the image's samples, counts as noise, unless one of its samples agrees with the previous frame:
- * then it may be a piece of a broken wire.
+ * Vertical or horizontal neighbours belong to one island if their values differ by at most 1. The label of an island is
+ * the index of its first pixel: runs of pixels are joined by union-find with atomic minima (Playne, Hawick: A new
+ * algorithm for parallel connected-component labelling on GPUs, 2018). An island is speckle if it has at most SPECKLE
+ * pixels and at most a tenth of the image's samples, unless one of its samples agrees with the previous frame: then it
+ * may be a piece of a wire with gaps.
  *
- * values: a plane on a scale (scale.h) on which surfaces are at least 1 apart. measured, known: the same for the
- * measured depth and for the previous frame. labels: a plane; at the first pixel of a run, the index of an earlier
- * run's first pixel, or its own; at other pixels, the index of the run's first pixel. sizes: a plane; at the first
- * pixel of a run its pixel count, later the island's; 0 at other pixels. totals: number of samples, and 1 if a seed is
- * speckle. marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item: `run` pixels of a row. Cost: O(pixels).
- * Determinism: minima and sums of integers do not depend on their order.
+ * values: a plane on a scale (scale.h) on which surfaces are at least 1 apart. measured, known: such planes of the
+ * measured depth and of the previous frame's. labels: a plane; at the first pixel of a run, the index of the first
+ * pixel of an earlier run or of this run; at other pixels, the index of the run's first pixel. sizes: a plane; at the
+ * first pixel of a run, the number of the run's pixels, later of the island's; 0 at other pixels. totals: number of
+ * samples; 1 if any seed is speckle. marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item: `run` pixels of
+ * a row. Cost: O(pixels). Determinism: minima and sums of integers do not depend on their order.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
 
 #define SPECKLE 40
 #define SPECKLE_PART 10
-#define OF_BEFORE (1 << 30) /* flag in `sizes`: part of it agrees with the previous frame */
+#define OF_BEFORE (1 << 30) /* flag in `sizes`: a sample of the run or island agrees with the previous frame */
 
 #define ARE_ONE(a, b) (IS_KNOWN(a) & IS_KNOWN(b) & (fabs((a) - (b)) <= 1.0f))
 
@@ -68,7 +68,7 @@ void join_islands(global volatile int *labels, int a, int b)
         const int high = max(a, b), low = min(a, b), label = atomic_min(labels + high, low);
         if (label == high)
             return;
-        a = low, b = label; /* another work-item changed the label meanwhile */
+        a = low, b = label; /* another work-item has changed high's label: it must be joined, too */
     }
 }
 

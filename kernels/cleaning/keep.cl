@@ -1,30 +1,31 @@
-/* Choice of the samples to keep: all except flying pixels. Other pixels keep the depth of the previous frame if it
- * still holds.
+/* Chooses the samples to keep: all except flying pixels. Other pixels get the depth of the previous frame if it still
+ * holds.
  *
- * A flying pixel lies between two surfaces, apart from both: the camera mixed the depths at an edge. Flying pixels are
- * detected along rows, columns and diagonals; the next sample on each side may be up to GAP pixels away. If the line
- * through the next two samples of a side leads to the pixel, the pixel belongs to their surface. The previous depth of
- * a pixel holds if a kept sample within GAP pixels lies on the same surface and has a similar colour.
+ * The depth of a flying pixel lies between two surfaces, apart from both: the camera mixed their depths at an edge.
+ * Flying pixels are detected along rows, columns and diagonals; the next sample on each side may be up to GAP pixels
+ * away. If the line through the next two samples of a side leads to the pixel's depth, the pixel belongs to their
+ * surface and is kept. A pixel's previous depth still holds if a kept sample within GAP pixels lies on the same surface
+ * and has a similar colour.
  *
  * values, known: planes of the measured and of the previous depth, on a scale (scale.h) on which surfaces are at least
- * 1 apart. tint: tint.h. marks: a plane of KEPT, AREA and DOUBTED (plane.h). held: the same with STILL. Work-item:
- * `strip` packets of a row. Cost: O(pixels). Determinism: pixels read only finished planes.
+ * 1 apart. tint: tint.h. marks: a plane of the bits KEPT, AREA and DOUBTED (plane.h). held: the same plane, with STILL
+ * added. Work-item: `strip` packets of a row. Cost: O(pixels). Determinism: kernels read only finished planes.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
 #include "cleaning/tint.h"
 
 #define GAP 2
-#define LED_TO 2.0f /* largest distance of a sample from the line of its surface */
+#define LED_TO 2.0f /* greatest difference between a sample's value and the line through samples of its surface */
 
-/* The next value on one side */
+/* The value of the next sample on one side, at most GAP pixels away */
 INLINED floatl next_value(global const float *at, int step)
 {
     const floatl one = load_lanes(at + step);
     return select_lanes(IS_KNOWN(one), one, load_lanes(at + 2 * step));
 }
 
-/* Does the line through the next two samples of a side lead to a value? */
+/* Does the line through the next two samples of a side lead to the pixel's value? */
 INLINED intl is_led_to(global const float *at, int step, floatl value)
 {
     const floatl one = load_lanes(at + step), two = load_lanes(at + 2 * step), three = load_lanes(at + 3 * step);

@@ -1,17 +1,19 @@
 #ifndef CLEANING_SCALE_H
 #define CLEANING_SCALE_H
-/* Scales: nearness (1 / depth), stretched so that 1 is the same multiple of the noise at every depth.
+/* Scales: a scale maps nearness (1 / depth) to values, such that a difference of 1 is the same multiple of the noise at
+ * every depth.
  *
- * A table holds the values of the scale at knots: floats whose last KNOT_SHIFT bits are 0. The other bits of the first
- * knot, as a number, are `first`. The scale is linear between knots. So the table's steps are in proportion to
- * nearness, and a look-up needs no logarithm. A guide shortens the search of the inverse: for the start of each of
- * GUIDES equal parts of the values, and for the end of the last part, it holds the knot at or below.
+ * A table holds the values at knots, and the scale is linear between them. Knots are all nearnesses whose float has 0
+ * in the last KNOT_SHIFT bits; `first` is the first knot's other bits, as a number. So the distance of knots grows with
+ * nearness, and a look-up needs no logarithm. A guide shortens the search for the inverse: the range of values is
+ * divided into GUIDES equal parts, and at the start of each part, and at the end of the last one, the guide holds the
+ * number of the last knot at or below.
  */
 #include "lib/lanes.h"
 
 #define KNOT_SHIFT 15
 #define GUIDES 4096
-#define MISSING 1e30f /* value for no sample: so far from all others that its weight is 0 */
+#define MISSING 1e30f /* value of pixels without a sample: so far from all others that its weight is 0 */
 #define IS_KNOWN(value) ((value) < 0.5f * MISSING)
 
 typedef struct {
@@ -32,7 +34,7 @@ INLINED floatl value_of_depth(global const float *table, Scale scale, floatl dep
     return select_lanes(depth > 0.0f, low + (high - low) * ((nearness - begin) / (end - begin)), (floatl)MISSING);
 }
 
-/* Depths of values: the inverse; values outside the table are clamped to its ends. */
+/* Depths of values, the inverse. Values outside of the table are clamped to its ends. */
 INLINED floatl depth_of_value(global const float *table, global const int *guide, Scale scale, floatl value)
 {
     const intl cell = to_intl(clamp_lanes(value * scale.cells_per_value, (floatl)0.0f, (floatl)(GUIDES - 1)));

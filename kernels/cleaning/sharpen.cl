@@ -1,28 +1,27 @@
-/* Sharpening of soft edges: each sample of a ramp between two surfaces moves to the closer surface, which
- * is extrapolated to the sample.
+/* Sharpens soft edges: each sample of a ramp between two surfaces moves to the closer surface, which is extrapolated to
+ * the sample.
  *
- * Depth from networks has edges that are ramps, several pixels wide. Ramps are detected along rows, columns and
- * diagonals: a ramp is a run of samples that all rise, or all fall, by at least RAMP_RISE of the steepest step in the
- * run. The ramp has tails, so the surface on each side is the line through two samples farther out, at distances in
- * proportion to the ramp's length. If the two lines, extrapolated to a sample, differ by more than APART of the
- * nearness, the ramp is an edge. If the ramps of several directions are edges, the steepest edge counts. A slope that
- * does not end within RAMP_REACH is part of a surface.
+ * Depth from networks has ramps instead of edges, several pixels wide. Ramps are detected along rows, columns and
+ * diagonals. A ramp is a run of samples that all rise, or all fall: each step by at least the fraction RAMP_RISE of the
+ * run's steepest step. Beyond its ends, a ramp has tails with smaller steps. So the surface on each side is the line
+ * through two samples farther out, at distances in proportion to the ramp's length. A ramp is an edge if the two lines,
+ * extrapolated to the sample, differ by more than the fraction APART of nearness. If the ramps in several directions
+ * are edges, the steepest one counts. A slope that does not end within RAMP_REACH samples is part of a surface.
  *
  * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 for
- * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: pixels read only a finished
- * plane.
+ * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: pixels are independent.
  */
 #include "cleaning/plane.h"
 
-#define RAMP_REACH 12 /* largest number of a ramp's samples to each side */
+#define RAMP_REACH 12 /* greatest number of a ramp's samples on each side of a sample */
 #define RAMP_RISE 0.3f
-#define TAIL(length) ((length) / 3)      /* distance, in samples, from the ramp to the line's first sample */
-#define BASE(length) (1 + (length) / 4) /* distance, in samples, between the two samples that define a line */
+#define TAIL(length) ((length) / 3)      /* samples from the ramp's end to the first of the two that define a line */
+#define BASE(length) (1 + (length) / 4) /* samples from the first of these two to the second */
 #define APART 0.04f
-#define BEYOND 0.1f /* largest distance of a sample beyond both surfaces, relative to their difference */
+#define BEYOND 0.1f /* fraction of the surfaces' difference by which a ramp's sample may lie beyond both */
 #define RISES 1e-30f
 
-/* Number of steps along a direction that stay in the image */
+/* The number of steps in a direction that stay in the image */
 INLINED intl steps_inside(ImagePlane plane, int x, int row, int dx, int dy)
 {
     const intl column = x - ASIDE + lane_index;
@@ -34,8 +33,9 @@ INLINED intl steps_inside(ImagePlane plane, int x, int row, int dx, int dy)
     return max(inside, 0);
 }
 
-/* Counts the steps along which samples, times `sign`, rise by at least `least`; sets in `steepest` the greatest rise.
- * Clears `ends` in lanes whose run reaches the end of the image or of the known samples, or RAMP_REACH. */
+/* Returns the number of steps, in one direction, along which nearness times `sign` rises by at least `least`. Sets
+ * `steepest` to the greatest rise. Clears `ends` in lanes whose run reaches the image's border, a missing sample, or
+ * RAMP_REACH steps. */
 INLINED intl length_of_run(global const float *at, int step, intl inside, floatl sign, floatl least, floatl *steepest,
                            intl *ends)
 {
@@ -70,7 +70,7 @@ INLINED floatl continued(global const float *values, int at, int step, intl end,
     return select_lanes(is_known, there, (floatl)(gather(values, own + end * step)));
 }
 
-/* Takes the closer surface of the ramp in one direction if it is the steepest so far. */
+/* Sets `found` to the closer surface of the ramp in one direction, if the ramp is the steepest edge so far. */
 INLINED void sharpen_along(global const float *values, ImagePlane plane, int x, int row, int dx, int dy, floatl *found,
                            floatl *steepest)
 {

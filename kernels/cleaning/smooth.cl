@@ -1,28 +1,30 @@
-/* Smoothing of noise: a bilateral filter around a local plane of each sample, and blending with the previous frame.
+/* Smooths noise by a bilateral filter around a local plane at each sample, and by blending with the previous frame.
  *
- * On steep surfaces neighbours differ by more than the noise, so the noise would stay without the planes. The
- * slopes of the planes come from a first, wider filter (`roughen`). The weights approximate exp(-u / 2) by the cheap
- * (1 - u / SUPPORT)^4, 0 beyond u = SUPPORT, with u = (difference of values / RANGE)^2 + (distance in pixels /
- * SPACING)^2. The previous value pulls the new one by BEFORE_WEIGHT exp(-d^2 / 2) of their difference, where d is
- * this difference over `strength`: so differences due to noise shrink, and motion stays.
+ * Without the planes, noise would stay on steep surfaces, as neighbours differ there by more than noise. The planes'
+ * slopes come from a first, wider filter (`roughen`). A neighbour's weight is (1 - u / SUPPORT)^4, and 0 for
+ * u > SUPPORT, with u = (difference of values / RANGE)^2 + (distance in pixels / SPACING)^2: this is close to
+ * exp(-u / 2), and cheaper. The new value moves towards the previous one by the fraction BEFORE_WEIGHT exp(-d^2 / 2) of
+ * their difference, where d is this difference, divided by `strength`. So differences due to noise shrink, and
+ * differences due to motion stay.
  *
  * values, rough: planes on a scale (scale.h) on which noise has a standard deviation of 1. before, grown: planes of
  * depth, 0 for none. marks: plane.h. strength: 0 for no smoothing. depth: (height, width), NaN for none. invented:
- * (height, width). A value that does not change keeps its depth. Work-item: `strip` packets of a row. Cost: O(pixels),
- * 81 samples each, twice. Determinism: pixels read only finished planes.
+ * (height, width) 1 if the depth was not measured. A sample whose value does not change keeps its depth to the bit.
+ * Work-item: `strip` packets of a row. Cost: O(pixels), with 81 samples each in two filters. Determinism: kernels read
+ * only finished planes.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
 
 #define SPACING 3.0f /* pixels */
-#define RANGE 3.3f /* standard deviations of the noise: samples that differ by ten of them get no weight */
+#define RANGE 3.3f /* standard deviations of the noise: samples that differ by ten deviations get no weight */
 #define ROUGH_RANGE (2.0f * RANGE)
-#define REACH 3 /* pixels to either side for the estimate of a slope */
+#define REACH 3 /* pixels on each side from which a slope is estimated */
 #define BEFORE_WEIGHT 0.9f
 #define SUPPORT 10.0f
 #define SHARPNESS(range) min(1.0f / (SUPPORT * (range) * (range)), 1e30f) /* finite, so that 0 times it is 0 */
 
-/* Approximates exp(-u / 2) from 1 - u / SUPPORT. */
+/* The weight, about exp(-u / 2). rest: 1 - u / SUPPORT */
 INLINED floatl weight_of(floatl rest)
 {
     floatl weight = max_lanes(rest, (floatl)0.0f);
@@ -30,7 +32,7 @@ INLINED floatl weight_of(floatl rest)
     return weight * weight;
 }
 
-/* Adds the samples of the row at offset y, up to `reach` to both sides. */
+/* Adds the samples of the row at offset y, from `reach` pixels on the left to `reach` pixels on the right. */
 #define ADD_ROW(y, reach)                                                                                      \
     {                                                                                                          \
         const floatl plane_y = middle + (float)(y) * down;                                                     \
@@ -44,8 +46,8 @@ INLINED floatl weight_of(floatl rest)
         }                                                                                                      \
     }
 
-/* Weighted mean offset of the samples around from the plane through the middle value, with slopes `across` and `down`
- * */
+/* The weighted mean by which the samples around exceed the plane through the middle sample, which has the slopes
+ * `across` and `down` */
 INLINED floatl off_mean(global const float *values, int pitch, floatl across, floatl down, float range)
 {
     const floatl middle = load_lanes(values);
@@ -73,7 +75,7 @@ kernel void roughen(global const float *values, global float *rough, ImagePlane 
     }
 }
 
-/* Change of values per pixel: the lesser of the changes on both sides, 0 if their signs differ */
+/* The change of values per pixel along one axis: the smaller of the changes on both sides; 0 if their signs differ */
 INLINED floatl slope_along(global const float *rough, int step)
 {
     const floatl low = load_lanes(rough - REACH * step), high = load_lanes(rough + REACH * step);

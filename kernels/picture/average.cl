@@ -6,7 +6,7 @@
  * farthest one's. Samples of filled holes have a colour and a depth, but are not valid: their depths only count in
  * pixels without valid samples. sample_depth, sample_color, sample_valid: (side * height, side * width); in empty
  * samples, depth is NaN, and colour and valid are 0. depth, color: (height, width). valid: (height, width) 1 if any
- * sample is valid. alpha: (height, width) fraction of valid samples. With GUESSES: sample_guesses: depths of samples
+ * sample is valid. alpha: (height, width) fraction of valid samples. With GUESSES: sample_guesses: depths
  * of guessed surface, equal to sample_depth where it is shown; guesses: depths of pixels that show any, else NaN.
  * Work-item: STRIP * LANES pixels of a row. Cost: O(samples). Determinism: pixels are independent.
  */

@@ -11,7 +11,7 @@
 #include "lib/vectors.h"
 
 #define RADIUS_MAX 8
-#define REGULARIZATION 1e-4f /* relative to the samples' spread: where all lie on one line, the plane is level across it */
+#define REGULARIZATION 1e-4f /* fraction of the samples' spread: if all lie on one line, the plane is level across it */
 
 kernel void fit_normals(global const float *nearness, global float *normals, int width, int height, int pitch,
                         int perspective, Cut cut, int radius, float fx, float skew, float fy, float cx, float cy)
