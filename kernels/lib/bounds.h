@@ -1,18 +1,18 @@
 #ifndef LIB_BOUNDS_H
 #define LIB_BOUNDS_H
-/* Least and greatest nearness of a surface in windows of cells. A line that passes a window in front of or behind all
- * of its samples can skip them.
+/* The least and the greatest nearness of a surface in each window of cells. A line that passes in front of all samples
+ * of a window, or behind all of them, can skip the window.
  *
- * Window (x, y) has 2 BOUNDS_STEP cells on a side, starting at column BOUNDS_STEP * x - 1 and row BOUNDS_STEP * y - 1;
- * the first ones start in the ring. Windows overlap, so the window of a line's first cell contains BOUNDS_STEP steps
- * along the line.
+ * Window (x, y) has 2 BOUNDS_STEP cells on a side. Its first column is BOUNDS_STEP * x - 1, its first row BOUNDS_STEP *
+ * y - 1, so the first windows start in the ring (surface.h). Windows overlap: from any cell, the next BOUNDS_STEP steps
+ * of a line lie in one window.
  */
 #include "lib/surface.h"
 
 #define BOUNDS_STEP 8
 
-#define FROM_RING 0.99f /* distance from the outermost samples to the ring, less a margin for rounding */
+#define FROM_RING 0.99f /* pixels from the ring to the image's first samples, less a margin for rounding */
 
-/* Number of windows over `size` samples */
+/* The number of windows across `size` samples */
 #define BOUNDS_ACROSS(size) ((size) / BOUNDS_STEP + 1)
 #endif

@@ -1,11 +1,11 @@
 #ifndef LIB_BUILTINS_H
 #define LIB_BUILTINS_H
-/* Inlined versions of OpenCL's built-in functions for inner loops, with the same bits.
+/* Inlined versions of OpenCL's built-in functions, for inner loops. Their results are equal to the bit.
  *
  * PoCL 6 compiles the built-ins to calls. All registers are saved around a call, which doubles the time
  * (CONTRIBUTING.md shows why). Comparisons, bit operations and packed structs take one or two instructions everywhere.
- * Only Clang supports C functions with one name for several types; other compilers use the built-ins, and so does the
- * one-lane form.
+ * Only Clang supports C functions with one name for several types; with other compilers, or with one lane, the
+ * built-ins are used.
  */
 #ifdef __clang__
 
@@ -32,7 +32,7 @@ INLINED_OF_FLOATS(float4, int4)
 INLINED_OF_FLOATS(float8, int8)
 INLINED_OF_FLOATS(float16, int16)
 
-/* If a is NaN, the result is b, so clamp turns NaN into its lower bound; OpenCL leaves this undefined. */
+/* If a is NaN, the result is b, so clamp turns NaN into its lower bound (which OpenCL does not guarantee). */
 #define INLINED_OF_ALL(type)                                                                                   \
     OVERLOADED type inlined_min(type a, type b)                                                                \
     {                                                                                                          \
@@ -78,7 +78,7 @@ WITH_NUMBERS(int2, int)
 WITH_NUMBERS(int4, int)
 WITH_NUMBERS(int16, int)
 
-/* Unaligned accesses in one instruction */
+/* Loads and stores at any address, in one instruction */
 #define LOADED_AND_STORED(space, type, count)                                                                  \
     typedef struct __attribute__((packed)) {                                                                   \
         type##count values;                                                                                    \

@@ -1,17 +1,18 @@
 #ifndef LIB_CHANNEL_H
 #define LIB_CHANNEL_H
-/* A colour channel: uchar (0 to 255) or float. It is a macro, so that launches see the type of a kernel's arguments. */
+/* The type of a colour channel: uchar (0 to 255) or float. It is a macro, so that the host sees the real type of a
+ * kernel's arguments. */
 #ifndef COLOR_BYTES
 #define COLOR_BYTES 1 /* bytes per channel: 1 (uchar) or 4 (float) */
 #endif
 #ifndef CHANNELS
-#define CHANNELS 3 /* channels of a colour; 0: images have only depth, and no colour is read or written */
+#define CHANNELS 3 /* number of a colour's channels; 0: images have only depth, and no colour is read or written */
 #endif
 #if COLOR_BYTES == 1
 #define channel uchar
 #define CHANNEL_MAX 255.0f
 #define to_channel(value) convert_uchar_sat_rte(value)
-#define to_channels(values) convert_uchar4_sat_rte(values) /* converts a float4 at the cost of one channel */
+#define to_channels(values) convert_uchar4_sat_rte(values) /* converts a float4 as fast as one float */
 #define rounded_channel(value) floor((value) + 0.5f) /* rounds halves up, as `write_color` does */
 #else
 #define channel float

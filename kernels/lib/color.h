@@ -11,7 +11,7 @@ typedef struct {
 /* RGBA texels as words */
 #define texels_at(texels, at) as_intl((uintl)(gather(texels, at)))
 
-/* Colour from a word, with red in the lowest byte, then green and blue */
+/* The colour in a word that has red in its lowest byte, then green and blue */
 INLINED Color color_of(intl word)
 {
     const Color c = {to_floatl(word & 255), to_floatl((word >> 8) & 255), to_floatl((word >> 16) & 255)};
@@ -39,7 +39,7 @@ INLINED Color select_color(intl mask, Color yes, Color no)
 
 #define color_lane(c, lane) (float3)(float_lane((c).r, lane), float_lane((c).g, lane), float_lane((c).b, lane))
 
-/* An unaligned access in one instruction; vload4 and vstore4 of uchar go byte by byte. */
+/* An access through this struct is one instruction at any address; vload4 and vstore4 of uchar go byte by byte. */
 typedef struct __attribute__((packed)) {
     uint bytes;
 } Word;
@@ -64,8 +64,8 @@ INLINED void write_pixel(global channel *image, float3 color)
 {
 }
 #elif COLOR_BYTES == 1
-/* Reads four bytes per pixel, including one of its neighbour. The image has at least four; the last pixel is read one
- * byte earlier and shifted. */
+/* Reads four bytes for each pixel: its three channels and one byte of the next pixel. The last pixel has no next one,
+ * so it is read one byte earlier and shifted; an image has at least four bytes. */
 #if LANES == 16
 #define WORD(l) ((global const Word *)(image + offset.s##l))->bytes
 #define WORDS                                                                                                  \
@@ -87,7 +87,7 @@ INLINED float3 read_pixel(global const uchar *image)
     return convert_float3(vload3(0, image));
 }
 
-/* Writes LANES pixels, starting at `image`, rounded to the nearest value. */
+/* Writes LANES pixels, from `image` on. Channels are rounded to the nearest value. */
 INLINED void write_color(global uchar *image, Color c)
 {
     const intl word = to_intl(c.r + 0.5f) | (to_intl(c.g + 0.5f) << 8) | (to_intl(c.b + 0.5f) << 16);

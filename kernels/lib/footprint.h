@@ -1,10 +1,11 @@
 #ifndef LIB_FOOTPRINT_H
 #define LIB_FOOTPRINT_H
 /* Footprints of pixels on maps. On an oblique surface, a footprint is longer than wide. With ANISOTROPIC, the map is
- * read at up to `anisotropy` probes along the longer side, from the level whose texels are as large as the shorter side
- * (McCormack et al. 1999, with the footprint's exact ellipse). Otherwise, it is read at one probe.
+ * read at several places (probes) along the longer side, at most `anisotropy`, from the mipmap level whose texels are
+ * as large as the shorter side (McCormack et al. 1999, but with the footprint's exact ellipse). Otherwise, there is one
+ * probe.
  *
- * Cost: the number of probes is the rounded ratio of the sides, so surfaces that face the camera have one.
+ * Cost: the number of probes is the rounded ratio of the sides, so a surface that faces the camera needs only one.
  */
 #include "lib/normals.h"
 #include "lib/screen.h"
@@ -23,7 +24,7 @@
 #endif
 
 typedef struct {
-    floatl texels_2; /* squared side that a probe covers, in texels of the first level */
+    floatl texels_2; /* square of the side that a probe covers, in texels of the first level */
     floatl count;    /* number of probes */
     floatl u, v;     /* the longer side, along which the probes are spaced evenly */
 } Footprint;
@@ -35,17 +36,18 @@ INLINED Footprint isotropic_footprint(floatl texels_2)
 }
 
 #if ANISOTROPIC
-#define MORE_PROBES 0.75f /* added to the ratio of the sides before truncation to the number of probes */
+#define MORE_PROBES 0.75f /* the number of probes is the ratio of the sides plus this, rounded down */
 
 /* Changes of u and v per pixel along x and along y */
 typedef struct {
     floatl u_x, v_x, u_y, v_y;
-    int anisotropy; /* the greatest number of probes */
+    int anisotropy; /* greatest number of probes */
 } UvSteps;
 
-/* Steps on a plane at nearness n in the unit direction `ahead`. normal: the plane's normal, of any length; along_u,
- * along_v: gradients in the world. Footprints longer than `anisotropy` times their width are shortened, as on a less
- * oblique plane; their width stays, so steep surfaces at outlines are not smeared. */
+/* The changes of u and v per pixel, on a plane that pixels show at nearness n. ahead: unit viewing direction;
+ * normal: the plane's normal, of any length; along_u, along_v: gradients of u and v in the world. A footprint longer
+ * than `anisotropy` times its width is shortened, as if the plane were less oblique. Its width stays, so that steep
+ * surfaces at outlines are not blurred. */
 INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, Vector along_u, Vector along_v,
                          int anisotropy)
 {
@@ -57,7 +59,7 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
     floatl steps[2][2];
     UNROLLED
     for (int axis = 0; axis < 2; axis++) {
-        const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* a pixel's step */
+        const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* one pixel at this depth */
         const floatl slide = DOT(normal, level) * per_facing;
         steps[axis][0] = DOT(along_u, level) - slide * DOT(along_u, ahead);
         steps[axis][1] = DOT(along_v, level) - slide * DOT(along_v, ahead);
@@ -66,14 +68,15 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
     return made;
 }
 
-/* The footprint of a round pixel: an ellipse on the map, whose axes are the singular values of the steps in texels. */
+/* The footprint of a round pixel: an ellipse on the map. Its axes are as long as the singular values of the matrix of
+ * steps, in texels. */
 INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 {
     const floatl a = s.u_x * width, b = s.u_y * width, c = s.v_x * height, d = s.v_y * height;
     const floatl uu = a * a + b * b, uv = a * c + b * d, vv = c * c + d * d, half_ = 0.5f * (uu - vv),
                  area = a * d - b * c;
     const floatl given = 0.5f * (uu + vv) + sqrt(half_ * half_ + uv * uv);
-    const intl minified = wanted & isfinite_lanes(given) & (given > 1.0f); /* others have one probe */
+    const intl minified = wanted & isfinite_lanes(given) & (given > 1.0f); /* mask; the others have one probe */
     const floatl long_2 = select_lanes(minified, given, (floatl)1.0f),
                  short_2 = max_lanes(area * area / long_2, (floatl)1.0f);
     Footprint f = isotropic_footprint(long_2);
@@ -82,7 +85,7 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     if (!any_lane(f.count > 1.0f))
         return f;
     f.texels_2 = max_lanes(long_2 / (f.count * f.count), short_2);
-    /* The longer axis: the eigenvector of the matrix (uu, uv; uv, vv), from the row with less rounding error */
+    /* The longer axis is an eigenvector of the matrix (uu, uv; uv, vv). It is computed from the row with less rounding. */
     const floatl x = select_lanes(half_ >= 0.0f, long_2 - vv, uv), y = select_lanes(half_ >= 0.0f, uv, long_2 - uu);
     const floatl unit = select_lanes(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)),
                                      (floatl)0.0f);
@@ -92,8 +95,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 }
 #endif
 
-/* The probes of a footprint: a loop over their numbers i, a mask of lanes with probe i, its position along the
- * footprint, -0.5 to 0.5, and its weight */
+/* The probes of a footprint: a loop over their numbers i; the mask of lanes that have probe i; the probe's position
+ * along the footprint, -0.5 to 0.5; and its weight */
 #if ANISOTROPIC
 #define EACH_PROBE(f, i) for (int i = 0; any_lane((f).count > (float)i); i++)
 #define HAS_PROBE(f, i) ((f).count > (float)(i))
@@ -101,7 +104,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 #define PROBE_WEIGHT(f, i) select_lanes(HAS_PROBE(f, i), 1.0f / (f).count, (floatl)0.0f)
 #endif
 
-/* The footprint on a level with texels twice as large, where half as many probes have the same spacing in texels */
+/* The footprint on the next coarser level, whose texels are twice as large: half as many probes are as far apart in
+ * texels. */
 INLINED Footprint on_coarser(Footprint f)
 {
     f.texels_2 *= 4.0f;
@@ -109,7 +113,7 @@ INLINED Footprint on_coarser(Footprint f)
     return f;
 }
 
-/* Adds the mean of a texture's level over a footprint around (u, v), times a weight. */
+/* Adds the mean of one level of a texture over a footprint around (u, v), times a weight. */
 OUTLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width,
                            int height, floatl weight, Color *sum)
 {

@@ -2,14 +2,15 @@
 #define LIB_GBUFFER_H
 /* The G-buffer (Saito & Takahashi 1990): geometry of pixels that show things made of images, for deferred lighting.
  *
- * These things are lit after all things are drawn (picture/deferred.cl). A kernel that draws such a thing writes, for
+ * Such things are lit after all things are drawn (picture/deferred.cl). A kernel that draws one of them writes, for
  * each of its pixels, the thing's number, the depth and, with GBUFFER 2, the normal. Other kernels do not write the
- * buffer, so an entry is valid only if its depth equals the picture's depth; if not, another thing was drawn in front.
+ * buffer. So an entry is only valid if its depth equals the picture's depth; otherwise another thing was drawn in front
+ * later.
  */
 #include "lib/lanes.h"
 
 #ifndef GBUFFER
-#define GBUFFER 0 /* 0: kernels do not write the buffer; 1: they write it; 2: with normals */
+#define GBUFFER 0 /* 0: kernels do not write the buffer; 1: they write thing and depth; 2: also the normal */
 #endif
 
 #if GBUFFER
@@ -17,7 +18,7 @@ typedef struct {
     global float *depth;  /* (height, width) */
     global int *thing;    /* (height, width) number of the thing */
     global float *normal; /* (height, width, 3) in the world, of any length; with GBUFFER 2 */
-    int number;           /* number of the thing that is drawn */
+    int number;           /* of the thing that the kernel draws */
 } GBuffer;
 #else
 typedef struct {
@@ -25,7 +26,7 @@ typedef struct {
 } GBuffer;
 #endif
 
-/* A kernel's parameters for the buffer, and the initializer of its GBuffer */
+/* The parameters that a kernel has for the buffer, and the initializer of its variable of type GBuffer */
 #if GBUFFER == 2
 #define GBUFFER_PARAMETERS , global float *gbuffer_depth, global int *gbuffer_thing, int thing, global float *gbuffer_normal
 #define GBUFFER_VALUE {gbuffer_depth, gbuffer_thing, gbuffer_normal, thing}
@@ -37,7 +38,8 @@ typedef struct {
 #define GBUFFER_VALUE {0}
 #endif
 
-/* A kernel's parameter for the normals of its images, as colours 0.5 + 0.5 (x, y, z); and the matching argument */
+/* The parameter that a kernel has for the normals of its images, as colours 0.5 + 0.5 (x, y, z); and the argument to
+ * pass */
 #if GBUFFER == 2
 #define NORMALS_PARAMETER(type) , global const type *normals
 #define NORMALS_ARGUMENT(type) normals
@@ -46,7 +48,7 @@ typedef struct {
 #define NORMALS_ARGUMENT(type) (global const type *)0
 #endif
 
-/* Writes the entry of a pixel that shows the thing at a depth. normal: as a colour */
+/* Writes the entry of a pixel that shows the thing at a depth. normal: as a colour, as above */
 INLINED void enter_pixel(GBuffer gbuffer, size_t pixel, float depth, float3 normal)
 {
 #if GBUFFER

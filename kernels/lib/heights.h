@@ -3,9 +3,9 @@
 /* Height maps, tiled or clamped (lib/wrap.h). Texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts
  * from the first centre.
  *
- * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel, its right neighbour, and the two texels below.
- * HEIGHT_BYTES 2: a word holds two heights of 16 bits: a texel and its right neighbour.
- * At the end of a row or column, the neighbour is its first texel; in clamped maps, the last texel itself.
+ * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel's, its right neighbour's, and those of the two below.
+ * HEIGHT_BYTES 2: a word holds two heights of 16 bits: a texel's and its right neighbour's.
+ * The last texel of a row or column has its first texel as neighbour; in clamped maps, itself.
  */
 #include "lib/lanes.h"
 #include "lib/wrap.h"
@@ -20,22 +20,22 @@
 #endif
 
 #ifndef POWERS_OF_TWO
-#define POWERS_OF_TWO 0 /* 1: the map repeats along both axes, and its sides are powers of two, so a mask wraps it */
+#define POWERS_OF_TWO 0 /* 1: the map repeats along both axes, and its sides are powers of two: masks wrap indices */
 #endif
 
 /* One level of a map; lanes may be on different levels. */
 typedef struct {
-    intl width, height, start; /* start in texels */
+    intl width, height, start; /* in texels; start: of the level in the buffer */
 #if !POWERS_OF_TWO
     floatl per_width, per_height;
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, as a float and as an int. WRAPPED: this int, repeated or clamped onto the map,
- * for any x. */
+/* FLOOR: the greatest whole number <= x, as a float and as an int. WRAPPED: the index of a texel of the map that this
+ * int stands for, whether the map repeats or is clamped. */
 #if POWERS_OF_TWO
-/* Adding this number rounds to a whole number, whose bits are then the last bits of the sum, for |x| < 2^22. A whole x
- * may yield x - 1, and a fraction of 1. */
+/* If |x| < 2^22, the sum of x and this number is rounded to a whole number, and x's whole number is in the sum's last
+ * bits. For a whole x, FLOOR may be x - 1, and the fraction 1. */
 #define WHOLE_BITS 12582912.0f
 #define FLOOR(x, whole, number)                                                                                \
     const floatl number##_bits = ((x) - 0.5f) + WHOLE_BITS;                                                    \
@@ -54,12 +54,12 @@ typedef struct {
           (intl)0, (size) - 1)
 #endif
 
-/* Heights at the corners of a cell, in HEIGHT_UNITs. Letters: first a: above, b: below; second a: left, b: right */
+/* Heights at the corners of a cell, in HEIGHT_UNITs. First letter: a: above, b: below; second letter: a: left, b: right */
 typedef struct {
     floatl aa, ab, ba, bb;
 } Patch;
 
-/* Heights of the cell to the right of and below the map's texel (x, y) */
+/* The heights at the corners of the cell whose upper left corner is the map's texel (x, y) */
 INLINED Patch read_patch(global const uint *texels, HeightMap map, intl x, intl y)
 {
     Patch patch;
@@ -81,8 +81,8 @@ INLINED Patch read_patch(global const uint *texels, HeightMap map, intl x, intl 
     return patch;
 }
 
-/* The same for texel (ix, iy), which wraps to (x, y). Clamped maps are constant before the first texels and after the
- * last texels. */
+/* The same for texel (ix, iy), which may lie outside of the map and wraps to (x, y). Beyond their borders, clamped maps
+ * are constant. */
 INLINED Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
 {
     Patch patch = read_patch(texels, map, x, y);
@@ -106,7 +106,7 @@ INLINED floatl height_of(Patch p, floatl fx, floatl fy)
     return top + fy * (bottom - top);
 }
 
-/* Bilinear height at any (x, y), in HEIGHT_UNITs */
+/* The bilinear height at (x, y), which may lie outside of the map, in HEIGHT_UNITs */
 floatl height_in(global const uint *texels, HeightMap map, floatl x, floatl y)
 {
     FLOOR(x, x0, ix)

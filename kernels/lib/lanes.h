@@ -2,24 +2,25 @@
 #define LIB_LANES_H
 /* Lanes: one kernel source for CPUs with wide vectors and for GPUs.
  *
- * A work-item computes LANES neighbours together in explicit vector types. LANES is 16 on a CPU, where compilers do not
- * vectorize work-items with data-dependent loops, and 1 on a GPU, whose hardware runs work-items in lanes itself.
- * Masks are ints: comparisons yield 0 or "true" (1 scalar, -1 vector); combine them with & | and !, never ~.
+ * A work-item computes LANES neighbouring elements at once, in explicit vector types. LANES is 16 on a CPU, where
+ * compilers do not vectorize work-items with data-dependent loops, and 1 on a GPU, whose hardware runs work-items in
+ * lanes itself. Masks are ints: comparisons yield 0 for false, and for true 1 (scalars) or -1 (vectors). So masks are
+ * combined with &, | and !, never with ~.
  */
 #ifndef LANES
-#define LANES 1 /* work-item width: 1 or 16 */
+#define LANES 1 /* number of lanes of a work-item: 1 or 16 */
 #endif
 #ifndef COUNTERS
 #define COUNTERS 0 /* 1: kernels count their work in `counters`, for benchmarks and tests */
 #endif
 
-/* Without AVX-512, compilers warn that the ABI for vectors of 64 bytes differs; kernels call no foreign functions.
- * The pragma only affects the code below it. NVIDIA's compiler does not know this warning. */
+/* Without AVX-512, compilers warn that the ABI for vectors of 64 bytes differs. This does not matter, as kernels call
+ * no functions of other programs. NVIDIA's compiler does not know this warning. */
 #if defined(__clang__) && LANES > 1
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
-/* Packets of a row (or of other elements) per work-item: starting a work-item takes longer than most packets. */
+/* STRIP: the number of packets (of LANES elements) in a work-item. Starting a work-item takes longer than most packets. */
 #if LANES == 16
 #include "lib/builtins.h"
 #define STRIP 32
@@ -27,31 +28,33 @@
 #define STRIP 1
 #endif
 
-/* A function whose arguments and results stay in registers; otherwise, vectors, and structs on GPUs, are passed in
- * memory. */
+/* INLINED: a function whose arguments and results stay in registers. In other functions, vectors, and on GPUs structs,
+ * are passed in memory. */
 #ifndef INLINED /* a simulator may want calls */
 #define INLINED static inline __attribute__((always_inline))
 #endif
 
-/* A function that is compiled once; PoCL compiles each kernel, with its inlined functions, three times. It cannot call
- * work-item functions. */
+/* OUTLINED: a function that is compiled once. PoCL compiles each kernel, with its inlined functions, three times. Such
+ * a function cannot call get_global_id and the like. */
 #if LANES == 16
 #define OUTLINED static __attribute__((noinline))
 #else
 #define OUTLINED INLINED
 #endif
 
-/* Before a short loop with a constant number of steps, so that an array that it indexes stays in registers */
+/* UNROLLED: before a short loop with a constant number of steps, so that an array that the loop indexes stays in
+ * registers. ROLLED: keeps a loop, so that its steps share registers. */
 #if defined(__clang__) || defined(__NV_CL_C_VERSION)
 #define UNROLLED _Pragma("unroll")
-#define ROLLED _Pragma("unroll 1") /* steps share registers */
+#define ROLLED _Pragma("unroll 1")
 #else
 #define UNROLLED
 #define ROLLED
 #endif
 
-/* Keeps the compiler from merging shuffles before and after the vector into one shuffle per lane. Clang only respects a
- * fence where arithmetic may be reordered. PoCL 6 would treat an `asm` statement as a call. */
+/* A fence between the shuffles that make a vector and those that read it: otherwise the compiler may replace both by
+ * one shuffle for each lane. Clang only respects the fence where arithmetic may be reordered. PoCL 6 would treat an
+ * `asm` statement as a call. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__arithmetic_fence)
 #define ARITHMETIC_FENCE(vector)                                                                               \
@@ -93,7 +96,7 @@ typedef WIDE(long) longl;
 #define gather(p, i)                                                                                           \
     (p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7],    \
         (p)[(i).s8], (p)[(i).s9], (p)[(i).sa], (p)[(i).sb], (p)[(i).sc], (p)[(i).sd], (p)[(i).se], (p)[(i).sf]
-/* any() compiles to one branch per lane. */
+/* any() would compile to one branch for each lane. */
 #ifdef __has_builtin
 #if __has_builtin(__builtin_reduce_or)
 #define any_lane(mask) (__builtin_reduce_or((mask) != 0) != 0) /* AVX-512 tests masks directly */
@@ -108,7 +111,7 @@ int any_lane(int16 mask)
     return (eighth.x | eighth.y) != 0;
 }
 #endif
-/* One bit for each lane of a mask */
+/* lane_bits: a mask as bits, one for each lane */
 #ifdef __has_builtin
 #if defined(__AVX512F__) && __has_builtin(__builtin_ia32_cmpd512_mask)
 #define lane_bits(mask) (uint)(ushort)__builtin_ia32_cmpd512_mask(mask, (int16)0, 4, (ushort)-1) /* 4: not equal */
@@ -132,7 +135,7 @@ float least_lane(float16 v)
     const float4 quarter = fmin(half_.lo, half_.hi);
     return fmin(fmin(quarter.x, quarter.y), fmin(quarter.z, quarter.w));
 }
-/* An unaligned access in one instruction; vload16 and vstore16 of uchar go byte by byte. */
+/* An access through this struct is one instruction at any address; vload16 and vstore16 of uchar go byte by byte. */
 typedef struct __attribute__((packed)) {
     uchar16 bytes;
 } UnalignedBytes;
@@ -152,16 +155,17 @@ typedef struct __attribute__((packed)) {
 #endif
 
 #define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* index of the lowest set bit */
-#define WITHOUT_LOWEST(bits) (LANES == 1 ? 0 : (bits) & ((bits) - 1)) /* lane_bits without the lowest set bit */
+#define WITHOUT_LOWEST(bits) (LANES == 1 ? 0 : (bits) & ((bits) - 1)) /* clears the lowest set bit of lane_bits */
 
-/* One of up to four values. GPUs use conditions, since arrays that are indexed at run time are not in registers. */
+/* CHOSEN: one of at most four values. On GPUs conditions choose it, since an array that is indexed at run time cannot
+ * be in registers. */
 #if LANES == 1
 #define CHOSEN(values, i) ((i) < 2 ? (i) ? (values)[1] : (values)[0] : (i) == 2 ? (values)[2] : (values)[3])
 #else
 #define CHOSEN(values, i) (values)[i]
 #endif
 
-/* Reads or sets one lane of a variable; on a GPU, its only lane, without taking the variable's address */
+/* Read or set one lane of a variable. On a GPU, there is one lane, and the variable's address is not taken. */
 #if LANES == 1
 #define float_lane(v, lane) (v)
 #define int_lane(v, lane) (v)
@@ -174,7 +178,7 @@ typedef struct __attribute__((packed)) {
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
 #endif
 
-/* Accesses to the first `count` lanes alone, at the end of a row. Other lanes are `beyond`. */
+/* Access the first `count` lanes alone, at the end of a row. Other lanes become `beyond`. */
 INLINED floatl load_first(global const float *from, int count, float beyond)
 {
     floatl v = beyond;
@@ -210,7 +214,7 @@ INLINED void store_first_bytes(intl v, global uchar *to, int count)
             to[lane] = int_lane(v, lane);
 }
 
-/* Writes the lanes of a vector whose bits are set, one after the other. */
+/* Writes the lanes whose bit is set to successive elements, without gaps. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__builtin_ia32_compresssf512_mask)
 INLINED void compress_lanes(float16 v, uint bits, global float *to)
@@ -229,7 +233,7 @@ INLINED void store_some(floatl v, uint bits, global float *to)
 }
 #endif
 
-/* With COUNTERS: a kernel's parameter, the matching argument, and code that adds the number of true lanes of a mask */
+/* With COUNTERS: a kernel's parameter, the argument to pass, and code that adds the number of true lanes of a mask. */
 #if COUNTERS
 #define COUNTERS_PARAMETER(type) , global type *counters
 #define COUNTERS_ARGUMENT(type) counters
@@ -242,7 +246,7 @@ INLINED void store_some(floatl v, uint bits, global float *to)
 #define COUNT(counter, mask)
 #endif
 
-/* Selects lane by lane, for floats and ints. OpenCL's select is a call on some runtimes. */
+/* Selects floats or ints lane by lane. OpenCL's select() is a call on some runtimes. */
 #define select_lanes(mask, yes, no) ((mask) ? (yes) : (no))
 
 #if LANES == 16
@@ -250,7 +254,7 @@ INLINED void store_some(floatl v, uint bits, global float *to)
     (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7)
 #define ZIP_HIGH(a, b)                                                                                         \
     (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf)
-/* Transposes 16 rows of 16, by zipping rows that are 8 apart, four times. */
+/* Transposes 16 rows of 16 values: four times, each of the first 8 rows is interleaved with the row 8 further on. */
 INLINED void transpose(float16 *rows)
 {
     float16 zipped[16];
@@ -268,7 +272,7 @@ INLINED void transpose(float16 *rows)
 #endif
 
 #if LANES == 16
-/* An unaligned access in one instruction; vload2 and vload4 load parts. */
+/* An access through this struct is one instruction at any address; vload2 and vload4 load value by value. */
 typedef struct __attribute__((packed)) {
     float2 values;
 } UnalignedPair;
@@ -282,7 +286,8 @@ typedef struct __attribute__((packed)) {
 #define ZIP_LAST(a, b)                                                                                         \
     (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf)
 
-/* Gathers a row of 4 floats per lane, as 4 columns. Reading and zipping whole rows is faster than 4 gathers. */
+/* Gathers a row of 4 floats for each lane, as 4 vectors. It reads whole rows and interleaves them, which is faster than
+ * 4 gathers. */
 INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
 {
     global const UnalignedFour *all = (global const UnalignedFour *)rows;
@@ -304,7 +309,7 @@ INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
     columns[3] = ZIP_LAST(ac_last, bd_last);
 }
 
-/* Gathers, for each lane, a value and the next one with a single load */
+/* Gathers a value and the next one for each lane, with a single load. */
 INLINED void gather_pairs(global const float *values, int16 at, float16 *first, float16 *second)
 {
     const float16 low = (float16)(PAIR_AT(values, 0), PAIR_AT(values, 1), PAIR_AT(values, 2), PAIR_AT(values, 3),
@@ -332,7 +337,7 @@ INLINED void gather_pairs(global const float *values, int at, float *first, floa
 }
 #endif
 
-/* Stores two values of each lane side by side */
+/* Stores two values for each lane, side by side. */
 #if LANES == 16
 INLINED void store_pairs(float16 first, float16 second, global float *pairs)
 {
@@ -347,7 +352,7 @@ INLINED void store_pairs(float first, float second, global float *pairs)
 }
 #endif
 
-/* Gathers, for each lane, a value and the next one, and the two values of the next row, `below` values farther on */
+/* Gathers 2 x 2 values for each lane: a value and the next one, and the two values that lie `below` values further on. */
 INLINED void gather_cells(global const float *values, int below, intl at, floatl *corners)
 {
     gather_pairs(values, at, &corners[0], &corners[1]);
@@ -369,7 +374,7 @@ floatl floor_lanes(floatl x)
 #endif
 #define ceil_lanes(x) (-floor_lanes(-(x)))
 
-/* One instruction each; fmin and fmax take four. If a is NaN, the result is b. */
+/* These take one instruction each; fmin and fmax take four. If a is NaN, the result is b. */
 #define min_lanes(a, b) select_lanes((a) < (b), a, b)
 #define max_lanes(a, b) select_lanes((a) > (b), a, b)
 
@@ -377,10 +382,10 @@ floatl floor_lanes(floatl x)
  * undefined. */
 #define clamp_lanes(x, low, high) min_lanes(max_lanes(x, low), high)
 
-/* isfinite() compiles to one call per lane. */
+/* isfinite() would compile to one call for each lane. */
 #define isfinite_lanes(v) (fabs(v) < INFINITY)
 
-/* prefetch_at(p): prefetches the data at p. */
+/* prefetch_at(p): prefetches the data at address p. */
 #if LANES == 16 && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
 #define prefetch_at(p) __builtin_prefetch((const void *)(uintptr_t)(p))

@@ -1,20 +1,20 @@
 #ifndef LIB_LENS_H
 #define LIB_LENS_H
-/* Lens distortion by the models of `pyibr.Lens` (pyibr/core/lens.py), in the forward direction. */
+/* Lens distortion with the models of `pyibr.Lens` (pyibr/core/lens.py): from a pinhole's pixels to the lens's. */
 #include "lib/lanes.h"
 
 #ifndef LENS
-#define LENS 0 /* 0: none; 1: Brown-Conrady and rational; 2: RealSense's modified one; 3: Kannala-Brandt's fisheye */
+#define LENS 0 /* 0: none; 1: Brown-Conrady, also rational; 2: RealSense's modified one; 3: Kannala-Brandt's fisheye */
 #endif
 
 typedef struct {
     float fx, skew, cx, fy, cy; /* entries of K */
     float k[8];                 /* coefficients in the model's order, padded with 0 */
-    float reach;                /* undistorted distance from the axis at which the field of view ends */
+    float reach;                /* the field of view's end, as an undistorted distance from the axis */
 } Lens;
 
-/* Maps pinhole pixels to the lens's pixels, in place. Returns a mask of lanes in the field of view; others have
- * arbitrary values. */
+/* Maps the pinhole's pixels to the lens's pixels, in place. Returns the mask of lanes in the field of view; the other
+ * lanes get arbitrary pixels. */
 INLINED intl through_lens(Lens lens, floatl *u, floatl *v)
 {
 #if LENS == 0

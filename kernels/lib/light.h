@@ -1,10 +1,10 @@
 #ifndef LIB_LIGHT_H
 #define LIB_LIGHT_H
-/* One light: Lambert's law, highlights (Blinn 1977), shadows by maps (Williams 1978).
+/* Shading by one light: Lambert's law, highlights (Blinn 1977), and shadows from shadow maps (Williams 1978).
  *
- * SHADOWED: the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images from the light, one below
- * the other; NaN where empty. shadow_views: (maps, SHADOW_VIEW); for each map, 16 numbers of the matrix from the world
- * to its pixel space, row by row, and 4 numbers of the row for planar depth.
+ * With SHADOWED, the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images from the light, one
+ * below the other; NaN where empty. shadow_views: (maps, SHADOW_VIEW); for each map, 16 numbers of the matrix from the
+ * world to the map's pixel space, row by row, and 4 numbers of the row for planar depth.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
@@ -14,14 +14,14 @@
 #define LIT 0 /* 1: kernels shade their surfaces, and have `Light light` */
 #endif
 #ifndef SHADOWED
-#define SHADOWED 0 /* 1: they also read shadow maps */
+#define SHADOWED 0 /* 1: kernels also read shadow maps */
 #endif
 
 typedef struct {
     float vector[4];  /* unit direction to the light (w = 0), or its position (w = 1), in the world */
     float axis[4];    /* a spotlight's direction, and the cosine of half its cone's angle; -2 for other lights */
-    float cone_rise;  /* increase of a spotlight's strength inside its cone, per cosine */
-    float color[3];   /* colour of the light; 1 is white */
+    float cone_rise;  /* increase of a spotlight's strength inside its cone, per unit of the cosine */
+    float color[3];   /* red, green and blue; all 1: white */
     float ambient;    /* ambient part of the light, 0 to 1 */
     float specular;   /* strength of highlights */
     float shininess;  /* Blinn's exponent: higher for narrower highlights */
@@ -32,7 +32,7 @@ typedef struct {
 typedef struct {
     int maps, size;
     float texel_x, texel_y; /* sides of a texel in scene units; for perspective maps, at depth 1 */
-    float bias; /* scene units by which a thing in a map may lie in front of its true surface */
+    float bias; /* scene units by which things in a map may lie in front of their true surface */
 } Shadow;
 
 #if SHADOWED
@@ -44,7 +44,7 @@ typedef struct {
 #define VISIBILITY(p, normal) (floatl)1.0f
 #endif
 
-/* The unit direction from a point to the light, and the fraction of a spotlight's strength at the point */
+/* The unit direction from a point to the light, and a spotlight's strength at the point, 0 to 1 */
 typedef struct {
     Vector direction;
     floatl falloff;
@@ -62,26 +62,26 @@ INLINED ToLight to_light(Light light, Vector p)
 }
 
 #if SHADOWED
-#define SHADOW_FILTER_RADIUS 1.0f /* greatest distance, along each axis, from a point to texels compared with it */
-#define SHADOW_BIAS 0.5f /* texels */
+#define SHADOW_FILTER_RADIUS 1.0f /* texels: along each axis, the texels compared with a point are at most this far */
+#define SHADOW_BIAS 0.5f /* texels by which a point is moved further along the normal */
 
 /* The visibility of the light from a point, 0 to 1. normal: the surface's normal there, of unit length.
  *
- * The depths of four texels around the point are compared, and the results interpolated (percentage-closer filtering,
- * Reeves et al. 1987). A plane's nearness is linear on a map. From texel to texel, it changes as if the plane were
- * moved along its normal by the texel's side, in the world, times the cosine between side and normal. So a point that
- * is moved that far along the normal lies in front of all texels of its own plane (docs/theory/shadows.md). SHADOW_BIAS
- * covers curved surfaces and rounding. The shadow's `bias` covers things whose maps are only as accurate as the spacing
- * of their slices.
+ * The point's depth is compared with the depths of four texels around it, and the four results are interpolated
+ * (percentage-closer filtering, Reeves et al. 1987). On a map, a plane's nearness is linear. From one texel to the
+ * next, it changes as if the plane were moved along its normal, by the texel's side in the world times the cosine
+ * between side and normal. So a point that is moved along the normal by this distance lies in front of all four texels
+ * of its own plane (docs/theory/shadows.md). SHADOW_BIAS makes up for curved surfaces and rounding. The shadow's `bias`
+ * is for things that are drawn in slices: their maps are only as accurate as the slices' spacing.
  */
 OUTLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
 {
     const float middle = 0.5f * (shadow.size - 1), safe = SHADOW_BIAS * fmax(shadow.texel_x, shadow.texel_y);
     floatl visible = 1.0f;
-    intl remaining = lane_index >= 0; /* points that no map so far contains */
+    intl remaining = lane_index >= 0; /* mask of points that none of the maps read so far contains */
     for (int i = 0; i < shadow.maps; i++) {
         global const float *m = shadow_views + SHADOW_VIEW * i, *r = m + 16;
-        float right[3], down[3]; /* vectors of SHADOW_FILTER_RADIUS texels, where W is 1 */
+        float right[3], down[3]; /* vectors in the world, as long as SHADOW_FILTER_RADIUS texels where W is 1 */
         UNROLLED
         for (int axis = 0; axis < 3; axis++) {
             right[axis] = SHADOW_FILTER_RADIUS * shadow.texel_x * shadow.texel_x * (m[axis] - middle * m[8 + axis]);
@@ -110,7 +110,7 @@ OUTLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
 }
 #endif
 
-/* Lights the colour of point p. normal: the unit normal; ahead: the unit viewing direction; visible: the light's
+/* Applies the light to the colour of point p. normal: unit normal; ahead: unit viewing direction; visible: the light's
  * visibility, 0 to 1 */
 INLINED void apply_light(Color *shade, Light light, Vector p, Vector normal, Vector ahead, floatl visible)
 {

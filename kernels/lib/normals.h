@@ -5,8 +5,8 @@
 #include "lib/texture.h"
 #include "lib/vectors.h"
 
-/* Bilinear value at (u, v) of one mipmap level of a normal map (height, width, 3), tiled or clamped: x along u, y along
- * v, z along the surface's normal. Normals of the first level have unit length. */
+/* The bilinear value at (u, v) of one mipmap level of a normal map, tiled or clamped. The map is (height, width, 3): x
+ * along u, y along v, z along the surface's normal. Normals of the first level have unit length. */
 INLINED Vector normal_in(global const float *map, int width, int height, intl level, floatl u, floatl v)
 {
     intl across = width, down = height;

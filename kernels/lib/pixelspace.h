@@ -11,7 +11,7 @@
 #define NO_SURFACE -1e37f /* nearness of an invalid sample */
 #define FREE_RAY -2e37f   /* nearness of a sample whose ray passes through empty space */
 #define EMPTY -3e38f      /* nearness of a pixel without a hit */
-#define BLOCKED -2e38f    /* nearness of a pixel whose ray hit the side of the surface that is not shown */
+#define BLOCKED -2e38f    /* nearness of a pixel whose ray meets a side of the surface that is not shown */
 #define IS_HIT(nearness) ((nearness) > -1e38f)
 
 typedef struct {
@@ -27,22 +27,24 @@ typedef struct {
 #define NEAREST_DEPTH 1e-37f
 #define FARTHEST_DEPTH 1e37f
 
-/* Tells whether a hit is in front of the target's camera, at a depth in the range of float32. Behind a perspective
- * camera, rays continue beyond infinity. NEAREST_DEPTH is also the nearness of FARTHEST_DEPTH. */
+/* Tells whether a hit lies in front of the target's camera, at a depth within float32's range. (Beyond infinity, at
+ * negative nearness, a perspective camera's ray continues behind the camera.) NEAREST_DEPTH is also the nearness of
+ * FARTHEST_DEPTH.
+ */
 #define IS_BEFORE(perspective, nearness)                                                                       \
     (((perspective) ? (nearness) > NEAREST_DEPTH : (nearness) < -NEAREST_DEPTH) & (fabs(nearness) < FARTHEST_DEPTH))
 
-/* Depth (planar z) from nearness, and nearness from depth */
+/* The depth (planar z) at a nearness; the same formula gives the nearness at a depth. */
 #define DEPTH_OF(perspective, nearness) ((perspective) ? 1.0f / (nearness) : -(nearness))
 
-/* Component `row` of the map m's image of pixel (x, y) at nearness 0 */
+/* One homogeneous component of the point to which the map m takes pixel (x, y) at nearness 0 */
 #define PIXEL_ROW(m, row, x, y) ((m)[4 * (row)] * (x) + (m)[4 * (row) + 1] * (y) + (m)[4 * (row) + 2])
 
 /* The same at nearness n */
 #define MAP_ROW(m, row, x, y, n) (PIXEL_ROW(m, row, x, y) + (n) * (m)[4 * (row) + 3])
 
-/* An entry of the map's row for an axis (x: 0, y: 1). It is selected by bit operations: compilers turn a condition into
- * an index, and an array that is indexed at run time cannot be in registers. */
+/* An entry of the map m, in the row of an axis (0: x, 1: y). Bit operations select it: compilers would turn a condition
+ * into an index, and an array that is indexed at run time cannot be in registers. */
 #define AXIS_ENTRY(m, axis, column)                                                                            \
     as_float((as_int((m)[column]) & ((axis) - 1)) | (as_int((m)[4 + (column)]) & -(axis)))
 #endif

@@ -1,18 +1,18 @@
 #ifndef LIB_PROMINENCE_H
 #define LIB_PROMINENCE_H
-/* Prominence: the nearness by which samples stand out from their surroundings, along rows and columns. */
+/* Prominence: the difference of nearness by which samples stand out from their neighbours along rows and columns. */
 #include "lib/lanes.h"
 #include "lib/surface.h"
 
-#define PROMINENCE_BLOCK 16 /* samples in a block of a row; each block stores its maximum prominence */
+#define PROMINENCE_BLOCK 16 /* samples of a row in a block; the greatest prominence of each block is stored */
 
 /* A packet of samples and the two nearest neighbours on each side */
 typedef struct {
     floatl here, left_1, left_2, right_1, right_2, above_1, above_2, below_1, below_2;
 } Neighbours;
 
-/* Reads the samples (x, y) to (x + LANES - 1, y) and their neighbours. Samples outside of the ring are missing. Lanes
- * outside of the image have arbitrary values. */
+/* Reads the samples (x, y) to (x + LANES - 1, y) and their neighbours. Neighbours beyond the ring (surface.h) are
+ * missing. Lanes outside of the image get arbitrary values. */
 INLINED Neighbours with_neighbours(Grid grid, int x, int y)
 {
     global const float *here = grid.nearness + y * grid.pitch + x;
@@ -31,8 +31,8 @@ INLINED Neighbours with_neighbours(Grid grid, int x, int y)
     return n;
 }
 
-/* The two neighbours on one side of samples: their least and greatest nearness, (-INFINITY, INFINITY) if the side is
- * torn off; and the difference of the two */
+/* The two neighbours on one side of a sample: their least and greatest nearness, -INFINITY and INFINITY if the side is
+ * torn off; and the difference between the two neighbours */
 typedef struct {
     floatl low, high, change;
 } Side;
@@ -41,7 +41,7 @@ typedef struct {
     Side left, right, above, below;
 } Sides;
 
-/* bits: bits that mark torn edges between a sample and its neighbours `next` and `after` */
+/* bits: a sample's bits from which `edge` selects those of the edges to the neighbours `next` and `after` */
 INLINED Side side_of(floatl next, floatl after, intl bits, int edge)
 {
     const floatl low = min_lanes(next, after), high = max_lanes(next, after);
@@ -61,8 +61,8 @@ INLINED Sides sides_of(Neighbours n)
     return all;
 }
 
-/* Nearness by which samples stand out between two sides, seen from the front or from the back: INFINITY if they are
- * torn from both */
+/* The difference of nearness by which a sample stands out between sides a and b, seen from the front or from the back;
+ * INFINITY if it is torn off on both sides */
 #define PROMINENCE(here, a, b, back)                                                                           \
     ((back) ? min_lanes((a).high, (b).high) - (here) : (here) - max_lanes((a).low, (b).low))
 #endif
