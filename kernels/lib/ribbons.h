@@ -2,38 +2,39 @@
 #define LIB_RIBBONS_H
 /* Ribbons: surface for parts that are one sample wide, such as wires, leaves and bars.
  *
- * The surface of lib/surface.h ends at its last samples, so parts one sample wide have no triangles, or single ones. A
- * sample is thin if no cell around it is whole. Its shape is a square with the side of a sample. The square is swept
- * along a straight line to each neighbour that is not torn off (a ribbon), or stays in place if there is none (a dot).
- * If the neighbour is not thin, the ribbon ends at the neighbour's middle.
+ * The surface of lib/surface.h ends at its last samples, so parts one sample wide have few triangles or none. A sample
+ * is thin if no cell around it is whole. It is drawn as a square with the side of a sample. The square moves along a
+ * straight line to each neighbour that is not torn off, and covers a ribbon; if there is no such neighbour, it stays in
+ * place (a dot). If the neighbour is not thin, the ribbon ends at the neighbour's middle.
  *
- * Ribbons never cover other samples: in the pixel of another sample, a ribbon keeps clear of the sample's position. So
- * a view from the image's own camera equals the image. A ribbon is planar: nearness changes only along it, and equals
- * the samples' nearness at their positions.
+ * Ribbons never cover other samples: in the pixel of a third sample, a ribbon ends before it reaches the sample's
+ * position. So a view from the image's own camera equals the image. A ribbon is planar: its nearness only changes along
+ * the ribbon, and equals the samples' nearness at their positions.
  *
- * An oblique wire appears as runs along rows (or columns), with steps of one sample between runs. At the end of a run,
- * the squares' middles are moved by half a sample towards the next run, and by less towards the run's middle, so that a
- * straight wire stays straight. A middle reads up to 4 RUN_MAX samples.
+ * In the image, an oblique wire consists of runs along rows (or columns); the next run is one sample to the side. At
+ * the end of a run, the squares' middles are moved by half a sample towards the next run, and by less the closer they
+ * are to the run's middle, so that a straight wire stays straight. To find a middle, at most 4 RUN_MAX samples are
+ * read.
  */
 #include "lib/surface.h"
 
 
-/* Several launches must find the same ribbons to the last bit. */
+/* All launches must compute the same ribbons to the last bit. */
 #pragma OPENCL FP_CONTRACT OFF
 
-#define RUN_MAX 32 /* most samples of a run that are read to each side; a longer run is straight to a sixtieth */
+#define RUN_MAX 32 /* greatest number of a run's samples that are read on each side; longer runs tilt by at most 1/60 */
 #define NEIGHBOURS 9     /* a sample's 3 x 3 neighbours, row by row, including itself */
 #define SELF 4   /* index of the sample itself */
-#define CLEARANCE 0.05f /* samples: greater than rounding of cameras, and too small to be seen */
+#define CLEARANCE 0.05f /* samples: greater than the cameras' rounding errors, and too small to be seen */
 
 /* A ribbon between the middles of two samples. */
 typedef struct {
     float x, y;        /* the first middle */
-    float dx, dy;      /* vector to the second middle; 0 for a dot */
+    float dx, dy;      /* vector from the first to the second middle; 0 for a dot */
     float n, gu, gv;   /* nearness at the first middle, and its gradient */
-    float part, part_u, part_v; /* position between the samples, 0 to 1, at the first middle, and its gradient */
-    int ends;          /* 1: the ribbon ends at the second middle; 0: half a square beyond */
-    int2 from, to;     /* the samples */
+    float part, part_u, part_v; /* 0 at the first sample, 1 at the second: value at the first middle, gradient */
+    int ends;          /* 1: the ribbon ends at the second middle; 0: half a sample beyond it */
+    int2 from, to;     /* columns and rows of the first and the second sample */
 } Ribbon;
 
 float sample_at(Grid grid, int x, int y)
@@ -66,8 +67,8 @@ int is_thin(Grid grid, int x, int y)
     return 1;
 }
 
-/* The end of the run through (x, y) along (dx, dy). Component x: the distance; y: 1 or -1 if the next run continues one
- * sample to this side, else 0. */
+/* The end of the run through (x, y), in direction (dx, dy). Component x: the distance to it in samples. Component y: 1
+ * or -1, the side to which the wire goes on with the next run; 0 if there is no next run. */
 float2 run_end(Grid grid, int x, int y, int dx, int dy)
 {
     const int aside_x = abs(dy), aside_y = abs(dx);
@@ -76,12 +77,12 @@ float2 run_end(Grid grid, int x, int y, int dx, int dy)
             continue;
         float step = 0.0f, reach = i + 0.5f;
         for (int side = -1; side <= 1; side += 2) {
-            const int bx = x + side * aside_x, by = y + side * aside_y; /* next to the last sample */
+            const int bx = x + side * aside_x, by = y + side * aside_y; /* beside the run's last sample */
             if (!joined(grid, x, y, bx + dx, by + dy))                  /* the start of the next run */
                 continue;
             step += side;
             if (joined(grid, x, y, bx, by) && joined(grid, bx, by, bx + dx, by + dy))
-                reach = i; /* the runs overlap by a sample */
+                reach = i; /* the two runs overlap by one sample */
         }
         return (float2)(reach, step);
     }
@@ -100,8 +101,8 @@ float2 middle_of(Grid grid, int x, int y)
     return along_x ? (float2)(x, y + aside) : (float2)(x + aside, y);
 }
 
-/* Tells whether there is a ribbon from thin sample (x, y) to the neighbour at (dx, dy). There is none to a diagonal
- * neighbour that is linked around a corner. */
+/* Tells whether there is a ribbon from thin sample (x, y) to the neighbour at offset (dx, dy). There is none to a
+ * diagonal neighbour if two ribbons lead there around a corner. */
 int is_linked(Grid grid, int x, int y, int dx, int dy)
 {
     if (!joined(grid, x, y, x + dx, y + dy))
@@ -124,7 +125,7 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     const float2 swept = (ribbon.ends ? convert_float2(to) : middle_of(grid, to.x, to.y)) - middle;
     ribbon.dx = swept.x;
     ribbon.dy = swept.y;
-    /* The gradient's direction: the sweep, unless it is nearly perpendicular to the line between the samples */
+    /* The gradient's direction: along the ribbon, unless this is nearly perpendicular to the line between the samples */
     const float2 along = dot(swept, way) > 0.25f ? swept : way, per_way = along / dot(along, way);
     const float rise = sample_at(grid, to.x, to.y) - ribbon.n;
     ribbon.part = dot(middle - convert_float2(from), per_way);
@@ -136,15 +137,16 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     return ribbon;
 }
 
-/* The ribbon with a number: NEIGHBOURS times the index of its thin sample, plus the neighbour at its other end. */
+/* The ribbon with a number: NEIGHBOURS times the index of its thin sample, plus the number of the neighbour at the
+ * other end (SELF for a dot) */
 Ribbon numbered_ribbon(Grid grid, uint number)
 {
     const int sample = number / NEIGHBOURS;
     return ribbon_of(grid, sample % grid.width, sample / grid.width, number % NEIGHBOURS);
 }
 
-/* Tells whether a point of a ribbon belongs to a third sample: the point lies in that sample's pixel, and no closer to
- * the ribbon's line than the sample. p: the point, relative to the first middle. */
+/* Tells whether a point of a ribbon belongs to a third sample: the point lies in this sample's pixel, and is at least
+ * as far from the ribbon's line as the sample, less CLEARANCE. p: the point, relative to the first middle */
 int belongs_to_another(Ribbon ribbon, float2 p)
 {
     const float2 middle = (float2)(ribbon.x, ribbon.y), sample = rint(middle + p);
@@ -156,7 +158,7 @@ int belongs_to_another(Ribbon ribbon, float2 p)
     return side * dot(p - other, across) > -CLEARANCE * length(across);
 }
 
-/* Tells whether thin sample (x, y) owns the ribbon to a neighbour. The first of two thin samples owns their ribbon. */
+/* Tells whether thin sample (x, y) owns the ribbon to a neighbour. A ribbon of two thin samples belongs to the first. */
 int is_first_of(Grid grid, int x, int y, int neighbour)
 {
     if (neighbour == SELF) {

@@ -1,33 +1,35 @@
 #ifndef LIB_SCREEN_H
 #define LIB_SCREEN_H
-/* The screen of a rendering: maps between the world and the camera's pixel space (lib/pixelspace.h). */
+/* The screen on which a scene is drawn, with the maps between the world and the camera's pixel space
+ * (lib/pixelspace.h). */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
 #include "lib/vectors.h"
 
 #ifndef BIN
-#define BIN 32 /* pixels, the side of a bin of the rasteriser */
+#define BIN 32 /* side of the rasteriser's bins in pixels */
 #endif
 
 typedef struct {
-    float from_world[16]; /* (U, V, W, Q) of the world point (X, Y, Z, 1), row by row */
+    float from_world[16]; /* matrix from the world point (X, Y, Z, 1) to (U, V, W, Q), row by row */
     float to_world[16];   /* the inverse */
     int width, height;
     int perspective;
-    float nearest; /* the near plane: greater nearness is not drawn */
+    float nearest; /* nearness of the near plane: nothing nearer is drawn */
 } Screen;
 
-/* The nearness that is already drawn at a pixel; EMPTY if none. */
+/* The nearness at a pixel, from the depth that is already drawn there; EMPTY if there is none */
 float drawn_nearness(Screen screen, float depth)
 {
     return isnan(depth) ? EMPTY : DEPTH_OF(screen.perspective, depth);
 }
 
-/* The depth to draw. It is never 0, which means an empty pixel, even if an orthographic camera stands in the scene. */
+/* The depth to draw. It is never 0, as this means an empty pixel: it could be 0 if an orthographic camera stands in the
+ * scene. */
 #define DRAWN_DEPTH(screen, nearness)                                                                          \
     fmin(fmax(DEPTH_OF((screen).perspective, nearness), NEAREST_DEPTH), FARTHEST_DEPTH)
 
-/* The point that pixel (x, y) shows at nearness n, in the world, relative to the screen's origin */
+/* The point in the world that pixel (x, y) shows at nearness n, relative to the screen's origin */
 INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
 {
     const float *m = screen.to_world;
@@ -52,7 +54,7 @@ INLINED Vector view_direction(Screen screen, Vector p)
     return normalized(screen.perspective ? minus(p, centre) : along);
 }
 
-/* The unit direction of a perspective picture's ray, accurate for points near the eye, too */
+/* The unit direction of a perspective picture's ray through pixel (x, y); also accurate for points near the eye */
 INLINED Vector ray_direction(Screen screen, floatl x, floatl y)
 {
     const float *m = screen.to_world;

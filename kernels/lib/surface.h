@@ -2,10 +2,11 @@
 #define LIB_SURFACE_H
 /* The surface of a depth image: the triangulated grid of its samples.
  *
- * The cell between samples (x, y) and (x+1, y+1) is split by the diagonal from (x+1, y) to (x, y+1). Nearness is
- * affine over a triangle, so a plane in space is a plane (gu, gv) over the image. A triangle, or an edge, is open (no
- * surface) if one of its corners is invalid, or if two of its corners are torn apart. A closed edge exists even if its
- * triangles are open: a ray that runs along the edge sees it.
+ * The cell between samples (x, y) and (x+1, y+1) is split into two triangles by the diagonal from (x+1, y) to (x, y+1).
+ * Over a triangle, nearness is an affine function of the image's u and v, with the gradient (gu, gv): so the triangle
+ * is planar in space, too. A triangle or an edge is open, which means that there is no surface, if one of its corners
+ * is invalid or two of its corners are torn apart; otherwise it is closed. A closed edge exists even if its triangles
+ * are open: a ray that runs along the edge sees it. A cell is whole if both of its triangles are closed.
  *
  * A sample is as large as its pixel. So the image's samples are surrounded by a ring of further samples, in columns -1
  * and `width` and in rows -1 and `height`, and the surface ends half way to them, at the edges of the image's pixels
@@ -14,8 +15,8 @@
  */
 #include "lib/pixelspace.h"
 
-/* Test whether two samples of nearness a >= b are torn apart. (near_scale, far_scale, least) is (1, ratio, 0) if
- * nearness is 1/z, (1, 1, step) if it is -z, and (0, 0, 0) if all neighbours are one surface. */
+/* A Cut tears two samples apart by their nearness a >= b alone. (near_scale, far_scale, least) is (1, ratio, 0) if
+ * nearness is 1/z, (1, 1, step) if it is -z, and (0, 0, 0) if no samples are torn apart. */
 typedef struct {
     float near_scale, far_scale, least;
 } Cut;
@@ -23,18 +24,18 @@ typedef struct {
 #define NO_CUT {0.0f, 0.0f, 0.0f}
 #define IS_OPEN(cut, a, b) (((cut).near_scale * (a) - (cut).far_scale * (b) > (cut).least) | ((b) <= NO_SURFACE))
 
-/* The edge test: neighbours are torn apart by a Cut alone, or, if `straight`, where the surface does not continue. */
+/* The edge test: neighbours are torn apart by a Cut alone or, if `straight` is 1, where the surface does not continue. */
 typedef struct {
     int straight;
-    int both; /* 1: neighbours are torn only if the surface does not continue and the Cut tears them, too */
-    float noise[3];     /* noise changes nearness n by up to noise[0] + noise[1] n + noise[2] n^2 between neighbours */
-    float per_pixel[3]; /* largest change on surfaces that face the camera, along rows, columns and diagonals, */
-    int perspective;    /* relative to n if 1, absolute if 0 */
+    int both; /* 1: neighbours are only torn if the surface does not continue and the Cut tears them, too */
+    float noise[3];     /* noise explains differences of nearness n up to noise[0] + noise[1] n + noise[2] n^2 */
+    float per_pixel[3]; /* greatest change on surfaces that face the camera, along rows, columns and diagonals: */
+    int perspective;    /* as a fraction of nearness if this is 1, otherwise as a difference of nearness */
 } EdgeTest;
 
-#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2) standard deviations of a sample: noise explains smaller differences */
+#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2): noise explains differences below this many deviations of a sample */
 
-/* The test with the noise of picture/noise.cl */
+/* The test with the noise that picture/noise.cl has found */
 EdgeTest with_noise(EdgeTest test, global const float *noise)
 {
     for (int i = 0; i < 3; i++)
@@ -42,42 +43,42 @@ EdgeTest with_noise(EdgeTest test, global const float *noise)
     return test;
 }
 
-/* Largest change of nearness that noise explains */
+/* The greatest difference of nearness that noise explains between neighbours; near: the greater nearness */
 #define EXPLAINED(test, near) ((test).noise[0] + (near) * ((test).noise[1] + (near) * (test).noise[2]))
 
-/* A depth image's samples, row by row, starting at the image's first sample */
+/* A depth image's samples, row by row. The pointer leads to the image's first sample, not to the ring. */
 typedef struct {
     global const float *nearness;
     int width, height, pitch;
-    Cut cut; /* for pairs without a bit */
+    Cut cut; /* for pairs of samples that have no TORN_... bit */
 } Grid;
 
-/* The grid of a surface with a ring, of (height + 2, pitch) samples */
+/* The grid of a surface of (height + 2, pitch) samples, which includes a ring */
 #define GRID_OF(surface, width, height, pitch, cut) {(surface) + (pitch) + 1, width, height, pitch, cut}
 
 #define BORDER 0.5f /* pixels from the outermost samples to the end of the surface */
 
-/* Bits of a sample for pairs that are torn apart */
+/* A sample's bits. Each is set if two samples are torn apart: */
 #define TORN_RIGHT 1    /* the sample and its right neighbour */
 #define TORN_BELOW 2    /* the sample and its neighbour below */
 #define TORN_DIAGONAL 4 /* its right neighbour and its neighbour below */
 #define TORN_ALL 7
 #define MISSING_SAMPLE as_float(as_int(NO_SURFACE) | TORN_ALL)
 
-/* Lanes whose cell's first triangle (at the first sample) or second triangle (at the last sample) is open */
+/* Masks of the cells whose lower triangle (with the cell's first sample), upper triangle (with the last sample) is open */
 #define IS_LOWER_OPEN(q00) ((as_intl(q00) & TORN_ALL) != 0)
 #define IS_UPPER_OPEN(q00, q10, q01)                                                                               (((as_intl(q00) & TORN_DIAGONAL) | (as_intl(q10) & TORN_BELOW) | (as_intl(q01) & TORN_RIGHT)) != 0)
 
-/* Samples whose nearness differs by less than this fraction show one surface, even if neighbours are torn apart. */
+/* Samples whose nearness differs by less than this fraction show one surface, even if they are torn apart. */
 #define ONE_SURFACE 0.01f
 
 #define NEAREST 1e-30f /* smaller depths are invalid: their nearness would overflow in products */
 
-/* A ray that passes a sample within this many source pixels sees only this sample. A ray that runs so close along a
- * row, a column or the cells' diagonals sees only the edges along it. */
+/* Source pixels: a ray that passes this close to a sample sees only this sample. A ray that stays this close to a row,
+ * a column or a diagonal of samples sees only the edges between these samples. */
 #define ON_SAMPLES 1e-3f
 
-/* Sides of a surface to show; the front faces the source camera. */
+/* The sides of a surface that are shown. The front faces the source camera. */
 #define SHOWS_FRONT 1
 #define SHOWS_BACK 2
 #define SHOWS_BOTH 3

@@ -5,12 +5,13 @@
 #include "lib/wrap.h"
 
 typedef struct {
-    intl column, row; /* position of the first texel */
-    intl at[4];       /* indices of the texels, row by row */
-    floatl fx, fy;    /* position between the texels, 0 to 1 from the first to the last */
+    intl column, row; /* of the first texel */
+    intl at[4];       /* indices of the four texels, row by row */
+    floatl fx, fy;    /* position between the texels: 0 at the left (upper) ones, 1 at the right (lower) ones */
 } Taps;
 
-/* Taps around (x, y), relative to the first texel's centre. Positions outside are moved to the border. */
+/* The taps around (x, y), in texels from the centre of the map's first texel. Positions outside are moved to the
+ * border. */
 INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
 {
     const floatl cx = clamp_lanes(x, (floatl)0.0f, (floatl)(width - 1));
@@ -23,8 +24,8 @@ INLINED Taps clamped_taps(int width, int height, floatl x, floatl y)
     return taps;
 }
 
-/* The two texels around a position on one axis of a map, whose length is 1. Returns the position between them, 0 to 1
- * from the first to the second. */
+/* Finds the two texels around a position on one axis of a map; along the axis, the map has length 1. Returns the
+ * position between the texels: 0 at the first, 1 at the second. */
 INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, intl *second)
 {
     /* Inactive lanes may have any value, but must not read outside of the map. */
@@ -42,7 +43,7 @@ INLINED floatl taps_along(int clamped, intl size, floatl place, intl *first, int
     return t - whole;
 }
 
-/* Taps around (u, v), each from 0 to 1 over the map */
+/* The taps around (u, v); u and v go from 0 to 1 across the map. */
 INLINED Taps map_taps(intl width, intl height, floatl u, floatl v)
 {
     intl left, right, up, down;
@@ -52,7 +53,7 @@ INLINED Taps map_taps(intl width, intl height, floatl u, floatl v)
     return taps;
 }
 
-/* Bilinear weights of the four texels, row by row, at position (fx, fy) between them */
+/* The bilinear weights of the four texels, row by row, at position (fx, fy) between them */
 INLINED void tap_weights(floatl fx, floatl fy, floatl *weights)
 {
     const floatl gx = 1.0f - fx, gy = 1.0f - fy;

@@ -1,14 +1,15 @@
 #ifndef LIB_TEXTURE_H
 #define LIB_TEXTURE_H
-/* Textures with mipmaps, tiled or clamped (lib/wrap.h): RGBA bytes, level by level from the largest. Each level has
- * half the size of the previous one, rounded down (Williams 1983).
+/* Textures with mipmaps, tiled or clamped (lib/wrap.h): RGBA bytes, one level after the other. Each level has half the
+ * width and height of the previous one, rounded down (Williams 1983).
  */
 #include "lib/color.h"
 #include "lib/taps.h"
 
 #define LEVELS_MAX 16
 
-/* The start of a level, in texels. width and height: size of the first level, which becomes the size of `level` */
+/* The start of a level in the texture's memory, in texels. width, height: at first the size of the first level; they
+ * become the size of `level`. */
 INLINED intl start_of_level(intl level, intl *width, intl *height)
 {
     intl start = 0;
@@ -23,7 +24,7 @@ INLINED intl start_of_level(intl level, intl *width, intl *height)
     return start;
 }
 
-/* Adds the bilinear value at (u, v) of a texture's level, which begins at `start`, times a weight. */
+/* Adds the bilinear value at (u, v) of the level that begins at `start`, times a weight. */
 INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl start, intl w, intl h, floatl weight,
                         Color *sum)
 {

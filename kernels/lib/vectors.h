@@ -9,7 +9,7 @@ typedef struct {
 
 #define DOT(a, b) ((a).x * (b).x + (a).y * (b).y + (a).z * (b).z)
 
-/* Component `row` of the matrix m's image of a point */
+/* One component (`row`) of matrix m times the point p */
 #define POINT_ROW(m, row, p)                                                                                   \
     ((m)[4 * (row)] * (p).x + (m)[4 * (row) + 1] * (p).y + (m)[4 * (row) + 2] * (p).z + (m)[4 * (row) + 3])
 
