@@ -3,10 +3,10 @@
  *
  * A step from a pixel to a neighbour has a class, 0 to 3: the two colours differ little, somewhat, much or fully
  * (tint.h). The cost of a path from a seed is its greatest class, then the number of steps since the path first met
- * this class: (class, steps) as one number. A pixel's cost is the least cost of a path to it. Of the neighbours with a
- * lower cost, the one with the most similar colour gives the pixel its depth (if several are equally similar, the first
- * in EACH_STEP). The result equals region growing step by step, class after class (in the manner of Adams, Bischof:
- * Seeded region growing, 1994), but does not depend on the order of computation.
+ * this class: (class, steps) as one number. A pixel's cost is the least cost of a path to it. Among the neighbours with
+ * a lower cost, the one with the most similar colour gives the pixel its depth (if several are equally similar, the
+ * first in EACH_STEP). The result equals region growing step by step, class after class (in the manner of Adams,
+ * Bischof: Seeded region growing, 1994), but does not depend on the order of computation.
  *
  * `relax` lowers the costs in place, tile by tile, until nothing changes. Only a tile's own work-item writes the tile's
  * costs. It may read an old or a new cost of a neighbouring tile: both are costs of existing paths, and the least costs

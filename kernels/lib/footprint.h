@@ -85,7 +85,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     if (!any_lane(f.count > 1.0f))
         return f;
     f.texels_2 = max_lanes(long_2 / (f.count * f.count), short_2);
-    /* The longer axis is an eigenvector of the matrix (uu, uv; uv, vv). It is computed from the row with less rounding. */
+    /* The longer axis is an eigenvector of the matrix (uu, uv; uv, vv). It is computed from the row with less
+     * rounding. */
     const floatl x = select_lanes(half_ >= 0.0f, long_2 - vv, uv), y = select_lanes(half_ >= 0.0f, uv, long_2 - uu);
     const floatl unit = select_lanes(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)),
                                      (floatl)0.0f);

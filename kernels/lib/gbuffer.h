@@ -18,7 +18,7 @@ typedef struct {
     global float *depth;  /* (height, width) */
     global int *thing;    /* (height, width) number of the thing */
     global float *normal; /* (height, width, 3) in the world, of any length; with GBUFFER 2 */
-    int number;           /* of the thing that the kernel draws */
+    int number;           /* the drawn thing's number */
 } GBuffer;
 #else
 typedef struct {

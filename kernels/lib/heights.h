@@ -3,7 +3,7 @@
 /* Height maps, tiled or clamped (lib/wrap.h). Texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts
  * from the first centre.
  *
- * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel's, its right neighbour's, and those of the two below.
+ * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel's, its right neighbour's, and those below these two.
  * HEIGHT_BYTES 2: a word holds two heights of 16 bits: a texel's and its right neighbour's.
  * The last texel of a row or column has its first texel as neighbour; in clamped maps, itself.
  */
@@ -25,7 +25,7 @@
 
 /* One level of a map; lanes may be on different levels. */
 typedef struct {
-    intl width, height, start; /* in texels; start: of the level in the buffer */
+    intl width, height, start; /* in texels; start: the level's place in the buffer */
 #if !POWERS_OF_TWO
     floatl per_width, per_height;
 #endif
@@ -54,7 +54,8 @@ typedef struct {
           (intl)0, (size) - 1)
 #endif
 
-/* Heights at the corners of a cell, in HEIGHT_UNITs. First letter: a: above, b: below; second letter: a: left, b: right */
+/* Heights at the corners of a cell, in HEIGHT_UNITs. First letter: a: above, b: below; second letter: a: left, b:
+ * right */
 typedef struct {
     floatl aa, ab, ba, bb;
 } Patch;

@@ -20,7 +20,8 @@
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
-/* STRIP: the number of packets (of LANES elements) in a work-item. Starting a work-item takes longer than most packets. */
+/* STRIP: the number of packets (of LANES elements) in a work-item. Starting a work-item takes longer than most
+ * packets. */
 #if LANES == 16
 #include "lib/builtins.h"
 #define STRIP 32
@@ -352,7 +353,8 @@ INLINED void store_pairs(float first, float second, global float *pairs)
 }
 #endif
 
-/* Gathers 2 x 2 values for each lane: a value and the next one, and the two values that lie `below` values further on. */
+/* Gathers 2 x 2 values for each lane: a value and the next one, and the two values that lie `below` values further
+ * on. */
 INLINED void gather_cells(global const float *values, int below, intl at, floatl *corners)
 {
     gather_pairs(values, at, &corners[0], &corners[1]);

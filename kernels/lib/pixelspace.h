@@ -2,9 +2,9 @@
 #define LIB_PIXELSPACE_H
 /* Pixel space: one coordinate system for perspective and orthographic cameras.
  *
- * A point is written as homogeneous (U, V, W, Q) of a camera: its pixel is (U/W, V/W) and its nearness is Q/W,
- * which is 1/z for a perspective camera and -z for an orthographic one. Larger is nearer in both; W > 0 is in
- * front of the camera. Straight lines stay straight, triangles stay planar, and the map from one camera's
+ * For a camera, a point has the homogeneous coordinates (U, V, W, Q): its pixel is (U/W, V/W) and its nearness is Q/W,
+ * which is 1/z for a perspective camera and -z for an orthographic one. Nearer points have greater nearness for both;
+ * W > 0 in front of the camera. Straight lines stay straight, triangles stay planar, and the map from one camera's
  * pixel space to another's is one 4x4 matrix (McMillan's warp equation with depth; Schaufler & Priglinger
  * 1999, equation 2). The last column of that matrix is the epipole: the image of the other camera's centre.
  */
@@ -20,7 +20,7 @@ typedef struct {
     int src_width, src_height;
     int src_pitch; /* samples from one row of nearness to the next */
     int dst_width, dst_height;
-    int dst_pitch;      /* pixels from one row of the nearness image to the next */
+    int dst_pitch;      /* values from one row of the target's hits to the next */
     int dst_perspective; /* 1: the target's nearness is 1/z; 0: -z */
 } PixelMap;
 

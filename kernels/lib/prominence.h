@@ -41,7 +41,7 @@ typedef struct {
     Side left, right, above, below;
 } Sides;
 
-/* bits: a sample's bits from which `edge` selects those of the edges to the neighbours `next` and `after` */
+/* bits: TORN_... bits; `edge` selects the bits for the edges to the neighbours `next` and `after` */
 INLINED Side side_of(floatl next, floatl after, intl bits, int edge)
 {
     const floatl low = min_lanes(next, after), high = max_lanes(next, after);

@@ -48,7 +48,7 @@ int joined(Grid grid, int ax, int ay, int bx, int by)
     const float a = sample_at(grid, ax, ay), b = sample_at(grid, bx, by);
     if (fmin(a, b) <= NO_SURFACE)
         return 0;
-    if ((bx - ax) * (by - ay) == 1) /* the diagonal from the upper left has no bit */
+    if ((bx - ax) * (by - ay) == 1) /* no bit is stored for the diagonal from the upper left to the lower right */
         return !IS_OPEN(grid.cut, fmax(a, b), fmin(a, b));
     const int bit = ay == by ? TORN_RIGHT : (ax == bx ? TORN_BELOW : TORN_DIAGONAL);
     return !(as_int(sample_at(grid, min(ax, bx), min(ay, by))) & bit);
@@ -125,7 +125,8 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     const float2 swept = (ribbon.ends ? convert_float2(to) : middle_of(grid, to.x, to.y)) - middle;
     ribbon.dx = swept.x;
     ribbon.dy = swept.y;
-    /* The gradient's direction: along the ribbon, unless this is nearly perpendicular to the line between the samples */
+    /* The gradient's direction: along the ribbon, unless this is nearly perpendicular to the line between the
+     * samples */
     const float2 along = dot(swept, way) > 0.25f ? swept : way, per_way = along / dot(along, way);
     const float rise = sample_at(grid, to.x, to.y) - ribbon.n;
     ribbon.part = dot(middle - convert_float2(from), per_way);
@@ -158,7 +159,8 @@ int belongs_to_another(Ribbon ribbon, float2 p)
     return side * dot(p - other, across) > -CLEARANCE * length(across);
 }
 
-/* Tells whether thin sample (x, y) owns the ribbon to a neighbour. A ribbon of two thin samples belongs to the first. */
+/* Tells whether thin sample (x, y) owns the ribbon to a neighbour. A ribbon of two thin samples belongs to the
+ * first. */
 int is_first_of(Grid grid, int x, int y, int neighbour)
 {
     if (neighbour == SELF) {

@@ -24,7 +24,8 @@ typedef struct {
 #define NO_CUT {0.0f, 0.0f, 0.0f}
 #define IS_OPEN(cut, a, b) (((cut).near_scale * (a) - (cut).far_scale * (b) > (cut).least) | ((b) <= NO_SURFACE))
 
-/* The edge test: neighbours are torn apart by a Cut alone or, if `straight` is 1, where the surface does not continue. */
+/* The edge test: neighbours are torn apart by a Cut alone or, if `straight` is 1, where the surface does not
+ * continue. */
 typedef struct {
     int straight;
     int both; /* 1: neighbours are only torn if the surface does not continue and the Cut tears them, too */
@@ -65,7 +66,8 @@ typedef struct {
 #define TORN_ALL 7
 #define MISSING_SAMPLE as_float(as_int(NO_SURFACE) | TORN_ALL)
 
-/* Masks of the cells whose lower triangle (with the cell's first sample), upper triangle (with the last sample) is open */
+/* Masks of the cells whose lower triangle (with the cell's first sample), upper triangle (with the last sample) is
+ * open */
 #define IS_LOWER_OPEN(q00) ((as_intl(q00) & TORN_ALL) != 0)
 #define IS_UPPER_OPEN(q00, q10, q01)                                                                               (((as_intl(q00) & TORN_DIAGONAL) | (as_intl(q10) & TORN_BELOW) | (as_intl(q01) & TORN_RIGHT)) != 0)
 

@@ -5,7 +5,7 @@
 #include "lib/wrap.h"
 
 typedef struct {
-    intl column, row; /* of the first texel */
+    intl column, row; /* the first texel's column and row */
     intl at[4];       /* indices of the four texels, row by row */
     floatl fx, fy;    /* position between the texels: 0 at the left (upper) ones, 1 at the right (lower) ones */
 } Taps;

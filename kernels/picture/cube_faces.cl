@@ -115,7 +115,8 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     return read;
 }
 
-/* Writes the first `count` of a packet's pixels. Pixels of other faces are emptied if `empties` is 1, else unchanged. */
+/* Writes the first `count` of a packet's pixels. Pixels of other faces are emptied if `empties` is 1, else
+ * unchanged. */
 INLINED void write_packet(const Reading *read, Face face, int count, int empties, global float *depth,
                           global channel *color, global uchar *valid)
 {

@@ -17,7 +17,7 @@
 #define NOISE_ITEMS 256         /* greatest number of work-items */
 #define NOISE_RANGES 64         /* ranges of nearness, a quarter of an octave each, nearest first; the last is open */
 #define NOISE_SIZES 144         /* bins of differences divided by nearness, an eighth of an octave each */
-#define NOISE_STAIRS 4128       /* room for stairs: a power of two, and two packets */
+#define NOISE_STAIRS 4128       /* greatest number of stairs, 4096, and room for two more packets */
 #define FIRST_SIZE 879          /* upper 12 bits of the floats in the first bin, which collects rounding errors */
 #define LAST_SIZE 137           /* number of the last bin */
 #define NEAREST_RANGE 508       /* upper 11 bits of the float 1, the end of the nearest range */
@@ -80,7 +80,8 @@ INLINED void copy_strips(Estimate e, global const float *depth, int along, int a
                          global float *to)
 {
     for (int strip = 0; strip < count; strip++, to += length + 2) {
-        /* Multiples of the golden ratio, modulo 1, spread the strips without a period that the picture may have, too. */
+        /* Multiples of the golden ratio, modulo 1, spread the strips without a period that the picture may have,
+         * too. */
         const int line = count == lines - 2 ? strip : (int)mul_hi(strip * 2654435769u, (uint)(lines - 2));
         global const float *from = depth + (size_t)line * across;
         for (int i = e.item; i < length + 2; i += e.items)
@@ -429,7 +430,7 @@ OUTLINED float4 steps_of_stairs(Estimate e)
         TALLY(t->near_one, (ratio > 0.5f) & (ratio < 1.5f))
     }
     MEET
-    const int middle = t->below + t->near_one / 2, before = middle - !(t->near_one & 1); /* of ratios from 0.5 to 1.5 */
+    const int middle = t->below + t->near_one / 2, before = middle - !(t->near_one & 1); /* ratios' medians */
     const float exact = t->near_one ? 0.5f * (t->ratios[before] + t->ratios[middle]) : 1.0f;
     steps *= exact;
     for OWN_PACKETS (e, i, t->kept) {

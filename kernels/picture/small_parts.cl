@@ -112,7 +112,7 @@ INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
     *back = max_lanes(row_high, column_high) - n.here;
 }
 
-#define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples per pass: margins are counted, then written */
+#define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples at a time: margins are counted, then written */
 
 /* Writes the margins of some packets to the columns from `at` on. packets: bit i is set for the packet i * LANES
  * samples after x0 */

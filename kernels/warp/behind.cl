@@ -21,7 +21,7 @@
  * row below or, in rows, to the right. same: the depth by which pixels of one surface may differ. Work-item: one block
  * (behind_blocks); 64 * `strip` pixels of a row, and the whole runs of holes that begin in them (behind_runs); `run`
  * pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes next to valid pixels *
- * hole's length), where a block counts as one pixel. Determinism: no kernel reads what it writes.
+ * hole's length), where a block counts as one pixel. Determinism: no kernel reads its results.
  */
 #include "lib/pixelspace.h"
 #include "warp/holes.h"

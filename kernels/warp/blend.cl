@@ -34,10 +34,11 @@
 
 #define ANGLE_SQUARE 0.03f    /* square of the sine of 10 degrees */
 #define AT_SAMPLE 0.01f       /* pixels: a place this close to a sample shows the sample alone */
-#define AT_STEP 0.5f          /* places up to this distance are at a step; units of the edges' bytes */
+#define AT_STEP 0.5f          /* a place is at a step if its interpolated byte (view_edges.cl) is at most this */
 #define WEIGHT_MIN 1e-6f      /* least weight of a layer that contributes */
 
-/* The values of a packet of pixels. at: the first pixel's index; count: the number of pixels from it to the row's end */
+/* The values of a packet of pixels. at: the first pixel's index; count: the number of pixels from it to the row's
+ * end */
 INLINED floatl pixels_at(global const float *image, size_t at, int count)
 {
     if (count >= LANES)

@@ -19,8 +19,8 @@ typedef struct {
 typedef struct {
     floatl step_u, step_v;   /* 1 or -1: the steps to the next cell */
     floatl ahead_u, ahead_v; /* offset from a cell's first sample to the column and the row where the line may leave */
-    /* per_...: distance from column to column, row to row, diagonal to diagonal; never_...: INFINITY if the line crosses
-     * no column, no row; otherwise 0 */
+    /* per_...: distance from column to column, row to row, diagonal to diagonal; never_...: INFINITY if the line
+     * crosses no column, no row; otherwise 0 */
     floatl per_u, per_v, per_d, never_u, never_v;
     floatl last_x, last_y;   /* the last cell's column and row */
     float lowest;            /* the last row that has a row below */

@@ -11,8 +11,8 @@
  * color, depth, valid: (height, width). behind: behind.cl. base, cells, inner: pyramid.h; the base of the finest tiles
  * are the pixels. pull_cells replaces colour and nearness of the base's cells by filled values. Work-item: on CPUs a
  * row of `strip` tiles of pixels, or one tile of cells; on GPUs, where `strip` is 1, a cell of a tile's first level
- * (push), a tile (push_levels), or a pixel or cell (pull). Cost: O(pixels). Determinism: only a pixel's own work-item
- * reads what it writes to the pixel; sums run in a fixed order.
+ * (push), a tile (push_levels), or a pixel or cell (pull). Cost: O(pixels). Determinism: a pixel that is written is
+ * only read by its own work-item; sums run in a fixed order.
  */
 #include "warp/fill_cells.h"
 #include "warp/fill_tiles.h"

@@ -16,7 +16,8 @@ INLINED void put_cell(const float4 *four, int level, int perspective, global flo
 }
 
 #if HAS_BEHIND
-/* The holes next to a valid pixel, as bits, in row v of a tile and its halo. behind.cl may have left out other holes. */
+/* The holes next to a valid pixel, as bits, in row v of a tile and its halo. behind.cl may have left out other
+ * holes. */
 INLINED uint edge_bits(global const uchar *valid, int width, int height, int tile_x, int tile_y, int v)
 {
     uint known = 0;
@@ -30,7 +31,7 @@ INLINED uint edge_bits(global const uchar *valid, int width, int height, int til
 
 /* The weights of 2 x 2 pixels with depths z, row by row; the first is (x, y). All four depend on the farthest depth
  * behind the holes in the 12 x 12 pixels around the block of 4 x 4 that contains them. Each also depends on the holes
- * that touch it: on their greatest falloff, and on the farthest depth behind those of them with a falloff above 0. */
+ * that touch it: on their greatest falloff, and on the farthest depth behind them where the falloff is above 0. */
 INLINED float4 pixel_weights(global const uchar *valid, global const float *behind, int width, int height, int pitch,
                              int x, int y, float4 z)
 {
@@ -152,8 +153,8 @@ INLINED float2 open_and_own(global const float *level, int across, int down, int
 #define PART(x) ((x) & 1 ? 0.25f : 0.75f)
 #define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* does cell i lie between the last two of the three cells? */
 
-/* Fills 3 x 3 cells of a level, from (x, y) on, from 3 x 3 cells of the next coarser level. cells: at first the values
- * of the coarser cells, then those of the filled cells */
+/* Fills 3 x 3 cells of a level, from (x, y) on, from 3 x 3 cells of the next coarser level. cells: at first the
+ * coarser cells' values, then the filled cells' */
 INLINED void pull_around(global const float *level, int across, int down, int side, int p, int x, int y, float *cells)
 {
     float filled[9];

@@ -69,7 +69,7 @@ INLINED int is_zero(float16 values)
 
 /* Reads `behind` for the pixels of a tile. around[i]: in rows 4 i to 4 i + 3, the farthest depth behind the holes in
  * the 12 x 12 pixels around each pixel's block of 4 x 4. falloffs, touching: for each pixel, the greatest falloff of
- * the holes that touch it, and the farthest depth behind those of them with a falloff above 0. Holes count only if they
+ * the holes that touch it, and the farthest depth behind them where the falloff is above 0. Holes count only if they
  * are next to a valid pixel of the tile or its halo: behind.cl may have left out others. */
 INLINED void read_behind(global const float *behind, size_t plane, int pitch, const uint *bits, float16 *around,
                          float16 *touching, float16 *falloffs)
@@ -209,7 +209,8 @@ INLINED void push_base_tile(global const float *base, int width, int height, int
 
 /* Interpolates row y of a level between the two nearest rows of the next coarser level; row 0 is above the tile. */
 #define ROW_BETWEEN(above, y) mix((above)[(y) / 2], (above)[(y) / 2 + 1], (y) & 1 ? 0.75f : 0.25f)
-/* Interpolates the cells of this row between the coarser cells: `left` and `right` select each cell's two neighbours. */
+/* Interpolates the cells of this row between the coarser cells: `left` and `right` select each cell's two
+ * neighbours. */
 #define CELLS_BETWEEN(type, row, left, right, ...) mix((row).left, (row).right, (type)(__VA_ARGS__))
 
 /* The values that push stored for row y of a level, in plane p, and for one more cell on either side of the tile.
@@ -258,7 +259,8 @@ uint rows_around(uint needed, int count)
         }                                                                                                      \
     }
 
-/* Fills a tile's first level. needed: a bit for each row of pixels (or cells) to fill; bit 0 is the row above the tile. */
+/* Fills a tile's first level. needed: a bit for each row of pixels (or cells) to fill; bit 0 is the row above the
+ * tile. */
 INLINED void pull_first(uint needed, int column, int row, int across, int down, global const float *inner,
                         global const float *cells, float16 filled[WEIGHT_PLANE][10])
 {

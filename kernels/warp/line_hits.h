@@ -32,7 +32,7 @@ INLINED floatl find_place(Pixels *pixels, PixelMap map, floatl x, int y)
     return inverse;
 }
 
-/* Reads the hits of LANES pixels, and tells from their neighbours' hits whether the surface is smooth there. */
+/* Reads the hits of LANES pixels, and judges by their neighbours' hits if the surface is smooth there. */
 INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, intl inside, int hit_kind,
                          int neighbour_offset, float density, float typical, float rough)
 {

@@ -34,7 +34,7 @@ typedef struct {
     floatl start, slope;           /* in the target: across = start + slope * along, */
     floatl low, high;              /* for the coordinates along from low to high */
     intl u_major;                  /* in the source: minor = minor_0 + tilt * major; mask: u is major, else v */
-    floatl minor_0, tilt, sign;    /* sign: of the walk's steps along the major axis, in the direction D */
+    floatl minor_0, tilt, sign;    /* sign: the walk's direction along the major axis, 1 or -1 */
     floatl from, to, last_major;   /* the walk's range of major coordinates, none if from > to; the image's last one */
     intl last_minor, stride_major, stride_minor;
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */

@@ -30,7 +30,7 @@
 #define POINT_PLANES 8
 
 #define POINT_ASIDE 0.3f /* samples from a margin's sample to its point, which is slightly beyond the margin's middle */
-#define OWN_DEVIATIONS 4.0f  /* the interval of a point's depth, in standard deviations of its noise */
+#define OWN_DEVIATIONS 4.0f  /* half the length of a point's piece, in standard deviations of the noise */
 #define SEEN_DEVIATIONS 6.0f /* a point must lie in front of a surface by more than this many deviations, */
 #define SURFACE_TOLERANCE 0.2f /* and by more than this fraction of a sample, since surfaces bend between samples */
 
@@ -242,8 +242,8 @@ kernel void tear_bridges(global const float *points, global const uchar *seen, g
     atomic_or((volatile global int *)surface + bridge / (TORN_ALL + 1), bridge & TORN_ALL);
 }
 
-/* Copies those of a view's `count` margins that were not looked through. start: the first margin's column in `seen`;
- * kept_count: the number of copied margins, initially 0 */
+/* Copies a view's margins, except those looked through. count: number of margins; start: the first one's column in
+ * `seen`; kept_count: the number of copied margins, initially 0 */
 kernel void keep_margins(global const float *margins, global const uchar *seen, global float *kept, global int *kept_count,
                          int count, int pitch, int kept_pitch, int start, int share)
 {

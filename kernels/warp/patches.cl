@@ -10,12 +10,12 @@
  * explain it and if it moves the samples LONE_BY pixels apart in the target. (On a rough surface every sample stands
  * out, and the lines meet enough of them.) The triangles around isolated samples are drawn into the lines' hits.
  *
- * surface: picture/edges.cl. prominence: picture/small_parts.cl. margins: (MARGIN_PLANES, margin_pitch), lib/margins.h,
- * with `count` quarters.
+ * surface: picture/edges.cl. prominence: picture/small_parts.cl. margins: (MARGIN_PLANES, margin_pitch), lib/margins.h;
+ * count: their number.
  * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The plane of hits on
  * margins begins `plane` values later and is EMPTY at first; a side that is not shown blocks the view. least:
  * prominence, a difference of nearness, below which no sample moves by LONE_BY pixels in the target.
- * Work-item: the first `lone_items` take STRIP * PROMINENCE_BLOCK cells of a row, the others STRIP * LANES quarters.
+ * Work-item: STRIP * PROMINENCE_BLOCK cells of a row (the first `lone_items` work-items); STRIP * LANES margins.
  * Cost: O(samples + margins + drawn pixels). Determinism: maxima and set bits do not depend on the order of work-items.
  * In the paper there are no patches: all samples are connected, and pixels take the hits of their lines.
  */
@@ -61,7 +61,8 @@ INLINED void widen(Seen a, Seen b, floatl row, floatl hair, floatl *low, floatl 
 {
     const intl passes = (row >= min_lanes(a.v, b.v) - hair) & (row <= max_lanes(a.v, b.v) + hair);
     const floatl zero = 0.0f, one = 1.0f, per_row = 1.0f / (b.v - a.v), to_u = b.u - a.u;
-    /* On level edges, the divisions give NaN, which clamp_lanes turns into 0: the adjoining edges then give the ends. */
+    /* On level edges, the divisions give NaN, which clamp_lanes turns into 0: the adjoining edges then give the
+     * ends. */
     const floatl above = a.u + clamp_lanes((row - hair - a.v) * per_row, zero, one) * to_u;
     const floatl below = a.u + clamp_lanes((row + hair - a.v) * per_row, zero, one) * to_u;
     *low = select_lanes(passes, min_lanes(*low, min_lanes(above, below) - hair), *low);
@@ -248,7 +249,8 @@ OUTLINED void draw_edges(Grid grid, PixelMap map, intl x, intl y, int dx, int dy
     }
 }
 
-/* Adds the triangles whose first corner is one of LANES samples from (x, y) on and is wanted; draws each full packet. */
+/* Adds the triangles whose first corner is one of LANES samples from (x, y) on and is wanted; draws each full
+ * packet. */
 INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wanted, Grid grid, PixelMap map, int sides,
                            global float *hits)
 {

@@ -3,12 +3,12 @@
 /* The pyramid of push and pull (fill.cl): weighted means of pixels, level by level.
  *
  * A tile of TILE x TILE pixels becomes one cell of a level that is TILE times as coarse. TILE x TILE of these cells
- * form a tile again, until a single tile is left. Within a tile, there are three levels between: of 8, 4 and 2 cells a
- * side.
+ * form a tile again, until a single tile is left. Within a tile, there are three levels between, with 8, 4 and 2 cells
+ * a side.
  *
  * A cell has PLANES values: colour and nearness, each times the cell's weight, and this weight, at most 1. (Nearness is
- * averaged instead of depth, since it is linear on planes.) base: (PLANES, height, width), the cells of which the tiles
- * consist. cells: (PLANES, tiles down, tiles across), one cell for each tile; they are the base of the next tiles.
+ * averaged instead of depth, since it is linear on planes.) base: (PLANES, height, width), the cells that form the
+ * tiles. cells: (PLANES, tiles down, tiles across), one cell for each tile; they are the base of the next tiles.
  * inner: the three levels of each tile, PLANES * INNER_CELLS values, undefined in tiles of weight 0; then one more tile
  * of zeros.
  *
@@ -31,7 +31,7 @@
 #define WEIGHT_PLANE 4   /* the plane of the weights */
 #define INNER_CELLS 84   /* cells in a tile's three levels of 8 x 8, 4 x 4 and 2 x 2 cells */
 #define STEEPEST_LEVEL 2 /* from this level on, the power stays the same */
-#define RATIO_MIN 0.3f   /* the least factor of a cell's weight, relative to the farthest of four cells */
+#define RATIO_MIN 0.3f   /* the least factor of a cell's weight; the farthest of four cells has factor 1 */
 #define SATURATION 32.0f /* weights below 1/32 do not add up */
 
 /* The index in `inner`, plane 0, of cell (x, y) of the level with 8 x 8 cells a tile */

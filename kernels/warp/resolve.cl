@@ -136,7 +136,8 @@ INLINED intl write_pixels(PictureRow row, Pixels pixels, Color c, int x0, int co
     return written;
 }
 
-/* Prefetches samples and colours at the hits of a packet's first and last pixel: hardware cannot predict these places. */
+/* Prefetches samples and colours at the hits of a packet's first and last pixel: hardware cannot predict these
+ * places. */
 void prefetch_place(Grid grid, global const channel *color, floatl u, floatl v)
 {
 #if LANES == 16

@@ -19,14 +19,14 @@
 #include "lib/taps.h"
 
 #ifndef HAS_PLACES
-#define HAS_PLACES 0 /* 1: the samples are not the source's own, but lie between them */
+#define HAS_PLACES 0 /* 1: samples lie at `places` in the source image; 0: they are the image's own samples */
 #endif
 #define WALK_STEPS 24        /* samples of the source: points farther apart count as points of two surfaces */
 #define SAME_SURFACE 1.0f    /* samples of the source: points at most this far apart count as points of one surface */
-#define RELATIVE_TOLERANCE 1e-3f    /* a ray is behind a surface if its nearness is less by more than this fraction */
-#define OCCLUSION_DEVIATIONS 5.0f   /* and by more than this many standard deviations of the noise */
+#define RELATIVE_TOLERANCE 1e-3f    /* a ray is behind a surface if its nearness is less by more than this fraction, */
+#define OCCLUSION_DEVIATIONS 5.0f   /* plus this many standard deviations of the noise */
 #define SLOPE_STEP 2          /* samples on each side over which a slope is measured; then over three times as many */
-#define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise by which slopes may be off */
+#define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise in the depths from which slopes are computed */
 
 /* Does the Cut tear depths a <= b apart? Gives the same result as IS_OPEN, without divisions; false for NaN. */
 #define ARE_TORN(perspective, cut, a, b)                                                                       \
@@ -41,7 +41,8 @@ typedef struct {
     floatl u, v, q; /* pixel, and nearness */
 } Point;
 
-/* The source's nearness at (u, v): interpolated if the four samples around lie on one surface, else of the nearest one */
+/* The source's nearness at (u, v): interpolated if the four samples around lie on one surface, else of the nearest
+ * one */
 INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut cut, floatl u, floatl v)
 {
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);

@@ -10,7 +10,8 @@
 #define NEAR_PIXEL 0.05f              /* pixels: by rounding, a pixel may show a surface that ends this far from it */
 
 #if LANES == 1 /* with more lanes, whole lines are walked */
-/* Can the next BLOCK_STEPS steps of a line, from a major coordinate on, show something at the pixels from low to high? */
+/* Can the next BLOCK_STEPS steps of a line, from a major coordinate on, show something at the pixels from low to
+ * high? */
 INLINED int may_show(SweepLines line, Targets targets, global const float *bounds, PixelMap map, float major, float low,
                      float high)
 {

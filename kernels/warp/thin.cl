@@ -133,7 +133,7 @@ int write_ribbon(Grid grid, uint number, PixelMap map, int sides, int linear, in
     *ends = (int2)(ribbon.from.y, ribbon.to.y) * grid.width + (int2)(ribbon.from.x, ribbon.to.x);
     mix_colors(src_color, ends->x, ends->y, part, color);
 #if ORIGINS
-    vstore2(convert_float2(nearest), 0, source); /* samples alone are sure to lie on the object */
+    vstore2(convert_float2(nearest), 0, source); /* the nearest sample: between samples, the object may end */
     *source_view = view;
 #endif
     *along = part;

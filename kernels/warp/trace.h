@@ -93,14 +93,15 @@ INLINED Epipolar epipolar_of(Rays rays, Grid grid)
     const floatl edge_1 = (last_minor + BORDER + ON_SAMPLES - minor) * per_tilt;
     floatl low = fmax((floatl)-BORDER, fmin(edge_0, edge_1));
     floatl high = fmin(select_lanes(u_major, (floatl)last_u, (floatl)last_v) + BORDER, fmax(edge_0, edge_1));
-    /* Clip to this side of the epipole, */
+    /* Clip to this side of the epipole. */
     if (c.z != 0.0f) {
         const floatl epipole = centre / c.z;
         const intl after = c.z * sign > 0.0f;
         low = select_lanes(after, fmax(low, epipole), low);
         high = select_lanes(after, high, fmin(high, epipole));
     }
-    /* and to the part in front of the target, which ends at nearness 0: infinity, or an orthographic image plane. */
+    /* Clip to the part in front of the target. It ends at nearness 0: at infinity, or at an orthographic image
+     * plane. */
     const intl ahead = rays.w > 0.0f, rising = sign > 0.0f;
     const floatl border = start / rays.w;
     const intl cuts_high = ahead & (rays.perspective ? rising : !rising);

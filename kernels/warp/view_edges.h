@@ -13,7 +13,7 @@
 #define STEEP 11.0f    /* slope of a surface at 5 degrees to its rays: a steeper one is a step */
 #define STEP_MIN 0.01f /* fraction of the depth: smaller differences are no step */
 
-/* unit: replaces z in the least step if the view's depths have no origin; otherwise 0 */
+/* unit: scene units; if above 0, it replaces z in the least step, as depths of orthographic views have no origin */
 typedef struct {
     int width, height, pitch;
     int perspective;
