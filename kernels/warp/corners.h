@@ -98,7 +98,7 @@ INLINED Corners corners_of_margins(Pixels *pixels, Grid grid, PixelMap map, int 
     return corners;
 }
 
-/* The samples of hits; those in the mask `on_margins` lie on margins, the others on triangles. */
+/* The samples of hits. Hits in the mask `on_margins` lie on margins, the others on triangles. */
 INLINED Corners corners_at(Pixels *pixels, Grid grid, PixelMap map, int linear, intl on_margins, floatl column, int row)
 {
     Pixels beside = *pixels;
