@@ -5,7 +5,8 @@
  * colour is missing.
  *
  * color, depth, valid: (dst_height, dst_width); the holes' colours are replaced. nearness: (src_height, src_pitch).
- * src_color: (src_height, src_width). Work-item: `strip` times LANES pixels of a row. Cost: O(pixels).
+ * src_color: (src_height, src_width). Work-item: `strip` times LANES pixels of a row. Cost: O(pixels). Determinism:
+ * pixels are independent.
  */
 #include "lib/channel.h"
 #include "lib/lanes.h"
