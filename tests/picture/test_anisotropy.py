@@ -16,7 +16,7 @@ from tests.displaced import square
 from tests.one_lane import one_lane
 
 KINDS = ["mesh", "slices", "relief"]
-TILES = (6, 6)
+TILES = (3, 3)
 WHITE = np.full((2, 2, 3), 200, np.uint8)
 LIGHT = ibr.Light(direction=(0.3, 0.4, -0.8), shadow_size=0)
 
@@ -57,7 +57,7 @@ def even(kind: str, color: np.ndarray, turn: float = 0, normal_map: np.ndarray |
     return ibr.ReliefSurface(base, np.ones((4, 4), np.float32), color, 0.01, tiles=TILES, normal_map=normal_map)
 
 
-def over(elevation: float, projection: Any = "perspective", azimuth: float = 20, size=(180, 130)) -> ibr.Camera:
+def over(elevation: float, projection: Any = "perspective", azimuth: float = 20, size=(90, 65)) -> ibr.Camera:
     e, a = np.radians(elevation), np.radians(azimuth)
     away = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
     more = {"height": 0.5} if projection == "orthographic" else {}
@@ -69,7 +69,7 @@ def over(elevation: float, projection: Any = "perspective", azimuth: float = 20,
 def psnr(frame: ibr.Frame, truth: ibr.Frame) -> float:
     assert truth.alpha is not None
     inside = (truth.alpha == 1) & frame.valid
-    assert inside.sum() > 1000
+    assert inside.sum() > 250
     return float(10 * np.log10(255**2 / np.square(frame.color.astype(float) - truth.color)[inside].mean()))
 
 
@@ -80,8 +80,7 @@ def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> floa
     return often - once
 
 
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-@pytest.mark.parametrize("turn", [0, 45, 77])
+@pytest.mark.parametrize(("turn", "projection"), [(0, "perspective"), (45, "orthographic"), (77, "perspective")])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_plane_seen_aslant(kind, turn, projection):
     """Filtering gains 3 dB: it halves the squared error."""
@@ -92,7 +91,7 @@ def test_a_plane_seen_aslant(kind, turn, projection):
 @pytest.mark.parametrize("kind", KINDS)
 def test_in_one_lane(kind):
     """With filtering, kernels in one lane gain 3 dB over kernels in sixteen lanes without."""
-    thing, camera = even(kind, noise()), over(10, size=(130, 95))
+    thing, camera = even(kind, noise()), over(10)
     truth, once = ibr.render(thing, camera, samples=64), ibr.render(thing, camera)
     with one_lane():
         often = ibr.render(thing, camera, anisotropy=8)
@@ -108,7 +107,7 @@ def test_normal_maps(kind):
 def test_a_relief_with_heights():
     """The filter's footprint follows the relief's slopes; the base's slopes would be worse than no filter."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
-    thing = ibr.ReliefSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES)
+    thing = ibr.ReliefSurface(square(), height[::8, ::8].copy(), noise(), 0.02, tiles=TILES)
     assert gain(thing, over(10)) >= 3
     assert gain(thing, over(30)) >= 3
 
@@ -116,7 +115,7 @@ def test_a_relief_with_heights():
 def test_slices_with_heights():
     """Slopes taken over two texels, as lighting takes them, would gain only 2.6 and 2.4 dB."""
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
-    thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.01, tiles=TILES, halvings=3)
+    thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.02, tiles=TILES, halvings=3)
     assert gain(thing, over(20)) >= 3
     assert gain(thing, over(30)) >= 3
 
@@ -138,17 +137,18 @@ def test_what_is_magnified_is_read_once():
     np.testing.assert_array_equal(once, often)
 
 
-@pytest.mark.parametrize("color", [(10, 200, 77), (255, 255, 255), (0, 0, 0)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_colour_stays_itself(kind, color):
+def test_one_colour_stays_itself(kind):
     """The weights of the reads add up to one."""
-    frame = ibr.render(even(kind, np.full((64, 33, 3), color, np.uint8)), over(5), anisotropy=64)
-    np.testing.assert_array_equal(frame.color[frame.valid], np.broadcast_to(color, (frame.valid.sum(), 3)))
+    for color in ((10, 200, 77), (255, 255, 255), (0, 0, 0)):
+        frame = ibr.render(even(kind, np.full((64, 33, 3), color, np.uint8)), over(5), anisotropy=64)
+        assert frame.valid.any()
+        assert (frame.color[frame.valid] == color).all()
 
 
 @pytest.mark.thorough
 def test_depth_and_coverage_stay():
-    thing = ibr.ReliefSurface(square(), noise((16, 16))[..., 0], noise(), 0.05, tiles=TILES)
+    thing = ibr.ReliefSurface(square(), noise((16, 16))[..., 0] / np.float32(255), noise(), 0.05, tiles=TILES)
     once, often = (ibr.render(thing, over(15), LIGHT, anisotropy=n) for n in (1, 8))
     np.testing.assert_array_equal(once.depth, often.depth)
 
