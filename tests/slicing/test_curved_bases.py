@@ -15,9 +15,9 @@ from pyibr.core.camera import Camera
 from tests.boxes import box
 from tests.displaced import Solid, finely_displaced, interior, square
 from tests.embree import embree, true_depth
-from tests.one_lane import one_lane
 from tests.relief.solids import grid
 from tests.relief.solids import torus as ring
+from tests.relief.test_normals import rolling
 from tests.slicing.test_surfaces import SCALE, heights
 
 EVEN = np.full((8, 8), 0.5, np.float32)
@@ -73,16 +73,21 @@ def moved(base: ibr.Mesh, by: float) -> ibr.Mesh:
     return ibr.Mesh(base.vertices + by * normals, base.faces, uv=np.asarray(base.uv) * (5, 2), texture=lines())
 
 
-@pytest.mark.parametrize(  # each slicing with each base, and each eye with some bases
-    ("name", "slicing", "eye"),
-    [(name, way, EYES[(i + j) % 3]) for i, name in enumerate(BASES) for j, way in enumerate(SLICINGS)],
-)
+# Each direction with each base, and each place with two bases; in quick tests, each direction with two places.
+VIEWED = [
+    pytest.param(name, way, EYES[(i + j) % 3], marks=pytest.mark.thorough if (j - i - i // 3) % 3 else ())
+    for i, name in enumerate(BASES)
+    for j, way in enumerate(SLICINGS)
+]
+
+
+@pytest.mark.parametrize(("name", "slicing", "eye"), VIEWED)
 def test_even_heights_show_the_moved_mesh(name, slicing, eye):
     make, scale = BASES[name]
     filtered: dict[str, Any] = {"samples": 4, "anisotropy": 16}  # else meshes seen obliquely are blurred
-    base, camera = make(), Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
+    base, camera = make(), Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=42)
     truth = ibr.render(moved(base, 0.5 * scale), camera, **filtered)
-    thing = ibr.SlicedSurface(base, EVEN, lines(), scale, tiles=(5, 2), slices=1024, slicing=slicing)
+    thing = ibr.SlicedSurface(base, EVEN, lines(), scale, tiles=(5, 2), slices=512, slicing=slicing)
     seen = ibr.render(thing, camera, **filtered)
     both = truth.valid & seen.valid
     assert both.sum() >= 0.99 * (truth.valid | seen.valid).sum()
@@ -90,18 +95,24 @@ def test_even_heights_show_the_moved_mesh(name, slicing, eye):
     assert (np.abs(truth.color.astype(int) - seen.color)[both].max(axis=-1) > 64).mean() <= 0.01
 
 
+@cache
+def hilly_donut(sides: int) -> tuple[ibr.Mesh, list[tuple[Camera, np.ndarray]]]:
+    """A donut, and its true depths for three cameras when it is displaced by 0.3."""
+    base = models.donut(sides)
+    fine = embree(finely_displaced(base, heights(), 0.3, (5, 2), cells=-(-640 // sides)))  # 4 a texel
+    cameras = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (120, 90), fov_y=42) for eye in EYES]
+    return base, [(camera, true_depth(fine, camera)) for camera in cameras]
+
+
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-@pytest.mark.parametrize("sides", [12, 25])
+@pytest.mark.parametrize("sides", [12, pytest.param(25, marks=pytest.mark.thorough)])
 def test_depth_error_with_hills_falls_with_slices(sides, slicing):
-    base, scale, counts = models.donut(sides), 0.3, (32, 128, 512)
-    fine = embree(finely_displaced(base, heights(), scale, (5, 2), cells=-(-640 // sides)))  # 4 cells per texel
-    cameras = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=42) for eye in EYES]
-    truths = [true_depth(fine, camera) for camera in cameras]
+    (base, seen), scale, counts = hilly_donut(sides), 0.3, (32, 256)
     means = []
     for slices in counts:
         thing = ibr.SlicedSurface(base, heights(), EVEN_COLOR, scale, tiles=(5, 2), slices=slices, slicing=slicing)
         off = []
-        for camera, truth in zip(cameras, truths, strict=True):
+        for camera, truth in seen:
             frame, inside = ibr.render(thing, camera), interior(truth, 0.05)
             assert frame.valid[inside].all()
             off.append(np.abs(frame.depth - truth)[inside])
@@ -112,10 +123,10 @@ def test_depth_error_with_hills_falls_with_slices(sides, slicing):
 
 def test_slices_by_view_are_near_the_true_surface():
     base, scale = models.donut(12), 0.3
-    camera = Camera.look_at(ASLANT, (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
+    camera = Camera.look_at(ASLANT, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=42)
     truth = true_depth(embree(finely_displaced(base, heights(), scale, (5, 2), cells=54)), camera)
     frame = ibr.render(ibr.SlicedSurface(base, heights(), EVEN_COLOR, scale, tiles=(5, 2), slices="view"), camera)
-    inside, pixel = interior(truth, 0.05), 3.7 / camera.K[0, 0]
+    inside, pixel = interior(truth, 0.075), 3.7 / camera.K[0, 0]
     assert frame.valid[inside].all()
     assert np.abs(frame.depth - truth)[inside].mean() <= 0.15 * pixel  # the manual says an eighth of a pixel
 
@@ -137,37 +148,17 @@ def test_slices_beside_curved_prisms_change_the_cost_alone():
     assert (np.abs(frames[0].depth - frames[1].depth)[both] > 1e-4).mean() < 0.01
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("slicing", "slices"), [("surface", "view"), ("orthogonal", 64), ("screen", "view")])
-def test_curved_bases_in_one_lane(slicing, slices):
-    thing = ibr.SlicedSurface(models.donut(12), heights(), lines(), 0.3, tiles=(5, 2), slices=slices, slicing=slicing)
-    camera, light = Camera.look_at(ASLANT, (0, 0, 0), (0, 0, 1), (101, 77), fov_y=42), ibr.Light(direction=(0, 1, -1))
-    wide = ibr.render(thing, camera, light)
-    with one_lane():
-        one = ibr.render(thing, camera, light)
-    assert (one.valid != wide.valid).mean() <= 2e-3  # rounding decides where slices graze the surface
-    both = one.valid & wide.valid
-    assert np.isclose(one.depth, wide.depth, rtol=1e-5)[both].mean() >= 0.99
-    assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
-
-
-def rolling(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Smooth heights between 0.1 and 0.9, periodic with period 1."""
-    a, b = 2 * np.pi * u, 2 * np.pi * v
-    return 0.5 + 0.2 * np.sin(a) * np.cos(b) + 0.15 * np.sin(2 * b + a) + 0.05 * np.cos(2 * a)
-
-
 def test_normals_from_heights_are_the_displaced_torus_own():
     """A displacement of 0.25 stretches the torus up to 1.6 times: to ignore this would change shades by 8 of 255."""
     scale, tiles = 0.25, (6, 3)
     y, x = (np.mgrid[:128, :128] + 0.5) / 128
-    camera = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
+    camera = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (160, 120), fov_y=42)
 
     def displaced(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         points, normals = ring(u, v)
         return np.asarray(points + scale * rolling(u * tiles[0], v * tiles[1])[:, None] * normals)
 
-    fine = grid(ring, 1200, 600)
+    fine = grid(ring, 600, 300)
     u, v = np.asarray(fine.uv, np.float64).T
     e = 1e-5
     along = [displaced(u + e, v) - displaced(u - e, v), displaced(u, v + e) - displaced(u, v - e)]
@@ -188,17 +179,17 @@ def test_normals_from_heights_are_the_displaced_torus_own():
     assert np.quantile(shades, 0.95) <= 5
 
 
-@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-@pytest.mark.parametrize("fov", [60, 90, 120])
+@pytest.mark.parametrize("fov", [60, 120])
 @pytest.mark.parametrize("eye", [(0.5, -0.25, 0.35), (0.2, 0.1, 0.45), (0.5, 0.5, 0.5), (0.9, 1.1, 0.3)])
-def test_none_sees_through_one_large_polygon(eye, fov, slicing):
+def test_none_sees_through_one_large_polygon(eye, fov):
     """The best direction of slices differs within the polygon, and rays leave the surface at the polygon's borders."""
-    camera = Camera.look_at(eye, (0.55, 0.6, 0), (0.01, 0, 1), (320, 240), fov_y=fov)
+    camera = Camera.look_at(eye, (0.55, 0.6, 0), (0.01, 0, 1), (240, 180), fov_y=fov)
     truth = large().depth(camera)
-    seen = ibr.render(ibr.SlicedSurface(square(), heights(), EVEN_COLOR, SCALE, slicing=slicing), camera).valid
-    assert seen[interior(truth)].all()
-    # Some rays run exactly along the outlines, and some cut a corner of the volume between two slices.
-    assert (np.isfinite(truth) & ~seen).mean() <= 5e-4
+    for slicing in ("orthogonal", "screen"):
+        seen = ibr.render(ibr.SlicedSurface(square(), heights(), EVEN_COLOR, SCALE, slicing=slicing), camera).valid
+        assert seen[interior(truth)].all()
+        # Some rays run exactly along the outlines, and some cut a corner of the volume between two slices.
+        assert (np.isfinite(truth) & ~seen).mean() <= 5e-4
 
 
 @cache
