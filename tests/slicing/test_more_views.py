@@ -12,7 +12,6 @@ from pyibr.capture import MeshScene
 from pyibr.capture.raycast import spread_directions
 from pyibr.core.camera import Camera
 from tests.boxes import cuboid
-from tests.one_lane import one_lane
 from tests.slicing.solids import revolved, torus
 
 cv2 = pytest.importorskip("cv2")
@@ -82,24 +81,28 @@ def compared(name: str, thing: ibr.DepthObject, size: int) -> tuple[float, float
     overlaps, off, holes = [], [], 0
     for eye in EYES:
         eye = middle + 6 * radius * np.array(eye) / np.linalg.norm(eye)
-        camera = Camera.look_at(eye, middle, (0, 0, 1), (300, 300), fov_y=20)
+        camera = Camera.look_at(eye, middle, (0, 0, 1), (200, 200), fov_y=20)
         truth, frame = scene.capture(camera), ibr.render(thing, camera)
         overlaps.append((frame.valid & truth.valid).sum() / (frame.valid | truth.valid).sum())
         both = frame.valid & truth.valid
         off.append(np.abs(frame.depth - truth.depth)[both].mean() / (2 * radius / size))
         # Outlines may be off by a sample. The mask of pixels that must be covered is eroded by more than that.
-        inner = cv2.erode(truth.valid.astype(np.uint8), np.ones((3, 3)), iterations=int(np.ceil(300 / size)))
+        inner = cv2.erode(truth.valid.astype(np.uint8), np.ones((3, 3)), iterations=int(np.ceil(200 / size)))
         holes += int((inner.astype(bool) & ~frame.valid).sum())
     return min(overlaps), float(np.mean(off)), holes
 
 
+RARE = [
+    pytest.param(*case, marks=pytest.mark.thorough) for case in (("torus", "perspective"), ("knot", "orthographic"))
+]
+
+
 @pytest.mark.parametrize(
-    ("name", "projection"),
-    [*((name, "perspective") for name in SCENES), pytest.param("knot", "orthographic", marks=pytest.mark.thorough)],
+    ("name", "projection"), [*((name, "perspective") for name in SCENES if name != "torus"), *RARE]
 )
 def test_more_images_are_closer(name, projection):
     found = {}
-    for count in (6, 12, 40):
+    for count in (6, 12, 30):
         thing = ibr.DepthObject(views_of(name, count, (128, 128), projection), slices=256)
         found[count] = compared(name, thing, 128)
         assert found[count][2] <= (1 if count == 6 else 0), found
@@ -107,7 +110,7 @@ def test_more_images_are_closer(name, projection):
     # From 6 to 12 images, the overlap may fall by as much as slices are off.
     assert overlaps[1] > overlaps[0] - 5e-4 and overlaps[2] > overlaps[0], overlaps
     assert min(overlaps[1:]) >= CLOSE[name], overlaps
-    assert found[40][1] <= 0.2, found  # samples; slices are 0.5 samples apart, and points a quarter of that off
+    assert found[30][1] <= 0.2, found  # samples: slices are 0.5 apart; points are up to a quarter of that behind
 
 
 @pytest.mark.thorough
@@ -117,18 +120,6 @@ def test_a_hundred_images(name, size):
     few, many = (compared(name, ibr.DepthObject(views_of(name, n, size), slices=256), min(size)) for n in (6, 120))
     assert many[0] >= 0.99 and many[0] > few[0], (few, many)
     assert many[2] == 0
-
-
-def test_one_lane_draws_the_same():
-    views = views_of("knot", 12, (61, 53))
-    camera = Camera.look_at((9, -11, 13), (0, 0, 0), (0, 0, 1), (90, 70), fov_y=24)
-    wide = ibr.render(ibr.DepthObject(views, slices=96), camera)
-    with one_lane():
-        narrow = ibr.render(ibr.DepthObject(views, slices=96), camera)
-    assert wide.valid.sum() > 500
-    assert (wide.valid != narrow.valid).mean() <= 2e-3  # rounding decides at outlines
-    both = wide.valid & narrow.valid
-    assert (np.abs(wide.depth - narrow.depth)[both] < 1e-3).mean() > 0.98
 
 
 def test_planes_are_as_they_were_sampled():
