@@ -17,7 +17,8 @@ from tests.relief.solids import grid
 from tests.relief.solids import torus as ring
 
 SCALE = 0.25
-SIZE = (200, 150)
+SIZE = (120, 90)
+JUMP = 0.05  # in depth between neighbours, at an edge
 FINE = 8  # cells of the true mesh per texel, along each axis: a bilinear patch is off its cells by 1/64 of its twist
 ELEVATIONS = (90, 60, 35, 15, 5)  # cameras' elevations above the square, in degrees
 DIRECTIONS = (10, 100, 190, 280, 55)
@@ -57,7 +58,9 @@ def solid() -> Solid:
 
 @cache
 def views(projection: str) -> list[tuple[Camera, np.ndarray]]:
-    cameras = [camera(e, d, projection=projection) for e in ELEVATIONS for d in DIRECTIONS]
+    """Views from all elevations, each from another direction, from all sides of the lowest ones."""
+    way = {90: (10,), 60: (100,), 35: (55,), 15: (190, 280), 5: DIRECTIONS}
+    cameras = [camera(e, d, projection=projection) for e in ELEVATIONS for d in way[e]]
     return [(cam, solid().depth(cam)) for cam in cameras]
 
 
@@ -67,14 +70,14 @@ PROJECTIONS = ["perspective", "orthographic"]
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_depth_error_falls_as_the_number_of_slices_rises(slicing, projection):
-    counts = (16, 32, 64, 128, 256)
+    counts = (16, 64, 256)
     means = []
     truths = views(projection)
     for slices in counts:
         errors = []
         for cam, truth in truths:
             frame = ibr.render(surface(slices, slicing), cam)
-            inside = interior(truth) & frame.valid
+            inside = interior(truth, JUMP) & frame.valid
             errors.append((frame.depth - truth)[inside])
         off = np.concatenate(errors)
         means.append(np.abs(off).mean())
@@ -89,7 +92,7 @@ def test_no_view_sees_through(slicing, projection):
     for cam, truth in views(projection):
         for slices in (16, 64):
             frame = ibr.render(surface(slices, slicing), cam)
-            assert frame.valid[interior(truth)].all()
+            assert frame.valid[interior(truth, JUMP)].all()
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -108,7 +111,7 @@ def test_slices_of_the_surface_are_seen_through_from_the_side():
         missed = total = 0
         for d in DIRECTIONS:
             cam = camera(2, d)
-            inside = interior(solid().depth(cam))
+            inside = interior(solid().depth(cam), JUMP)
             missed += (~ibr.render(surface(slices, "surface"), cam).valid[inside]).sum()
             total += inside.sum()
         through.append(missed / total)
@@ -150,15 +153,15 @@ def test_at_least_draws_all_of_the_base_from_any_side(slicing, projection):
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
-@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 @pytest.mark.parametrize("scale", [0.001, 0.01])
+@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_at_least_draws_all_of_the_base_however_shallow_it_is(scale, slicing, projection):
     """No ray misses the base if the displacement is 1/3000 of the distance, though rounding is over 1/100,000 of it."""
     base, flat, white = grid(ring, 96, 48), np.zeros((4, 4), np.float32), np.full((2, 2, 3), 255, np.uint8)
     how = {"fov_y": 42.0} if projection == "perspective" else {"projection": projection, "height": 2.9}
-    cam = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (317, 243), **how)
+    cam = Camera.look_at((2, -2.5, 1.7), (0, 0, 0), (0, 0, 1), (173, 131), **how)
     inner = cv2.erode(ibr.render(base, cam).valid.astype(np.uint8), np.ones((5, 5))).astype(bool)
-    assert inner.sum() > 15000
+    assert inner.sum() > 4000
     for slices in (16, 64):
         shown = ibr.SlicedSurface(base, flat, white, scale, slices=slices, slicing=slicing, test="at_least")
         assert ibr.render(shown, cam).valid[inner].all()
@@ -198,7 +201,8 @@ def test_a_bands_thickness_decides_what_is_apart(slicing):
 
     A cliff is a ramp between two texels. Slices are several texels apart, so that hardly any slice meets a ramp.
     """
-    above, aside = camera(90, 90, projection="orthographic"), camera(20, 180)
+    size = (200, 150)
+    above, aside = camera(90, 90, size, "orthographic"), camera(20, 180, size)
     color = np.full((1, 1, 3), 9, np.uint8)
     whole = {cam: ibr.render(surface(16, slicing, "inside", cliffs()), cam).valid for cam in (above, aside)}
     open_at = {}
@@ -248,6 +252,7 @@ def test_the_cost_stays_even(slicing):
     assert max(tests) <= 1.5 * min(tests)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("elevation", [60, 10])
 def test_slices_beside_the_volume_change_the_cost_alone(elevation):
     cam = camera(elevation, 30)
