@@ -9,12 +9,11 @@ import pytest
 
 import pyibr as ibr
 from benchmarks.relief.outlines import MESHES as SCANS
-from benchmarks.relief.outlines import around, even_relief, measure
+from benchmarks.relief.outlines import measure
 from pyibr.capture import models
 from pyibr.relief.neighbours import mitred, sides_beside
 from tests.boxes import box, facets
 from tests.data import shared
-from tests.one_lane import one_lane
 from tests.relief.solids import cylinder, grid
 
 
@@ -65,8 +64,10 @@ The cow's outline moves more: the truth is inside out at its horns and ears, whi
 """
 
 
-@pytest.mark.parametrize("depth", [0.01, 0.04])
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize(
+    ("name", "depth"),
+    [*((name, 0.04) for name in MESHES), *(pytest.param(n, 0.01, marks=pytest.mark.thorough) for n in MESHES)],
+)
 def test_outlines_are_the_displaced_meshs(name, depth):
     """Two pixels or more from the true outline no pixel is wrong, except a few where three creases meet."""
     pytest.importorskip("open3d")
@@ -95,20 +96,6 @@ def test_no_outline_of_a_scanned_mesh_is_worse_than_the_bare_meshs(name, depth):
     assert found.spurs <= 8
     low, high = SCANNED[name]
     assert low <= found.carved <= high
-
-
-@pytest.mark.parametrize("name", ["creases", "poles", "8 sides"])
-def test_one_lane_finds_the_same(name):
-    """Only rays that graze an edge between triangles differ: rounding decides below which one they continue."""
-    mesh, camera = MESHES[name][0](), around(MESHES[name][0](), 20, 61)
-    relief = even_relief(mesh, 0.04)
-    wide = ibr.render(relief, camera)
-    with one_lane():
-        single = ibr.render(even_relief(mesh, 0.04), camera)
-    assert (wide.valid != single.valid).sum() <= 2
-    both = wide.valid & single.valid
-    assert both.sum() > 300
-    assert (np.abs(wide.depth - single.depth)[both] <= 1e-4).mean() >= 0.995
 
 
 def beside(mesh: ibr.Mesh) -> np.ndarray:
