@@ -31,21 +31,25 @@ def blocks() -> np.ndarray:
     return np.clip((inside - 4) / 2, 0, 1).astype(np.float32)
 
 
-@pytest.mark.parametrize("shadow", SHADOWS)
-@pytest.mark.parametrize("scale", [0.03, 0.06, 0.1, 0.12, 0.15])
-@pytest.mark.parametrize("name", SOLIDS)
-def test_a_deep_even_relief_does_not_shade_itself(name, scale, shadow):
-    """The light's rays enter at other triangles, below other quadrics: a map alone would shade 11 %."""
+def check_even(name: str, scale: float, light: ibr.Light, least: int) -> None:
+    """Hardly a lit pixel of an even solid is in shadow, by map and by search; `least`: number of lit pixels."""
     surface, cells = SOLIDS[name]
-    light = ibr.Light(direction=(1, 0.2, -0.3), ambient=AMBIENT)
-    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
+    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (240, 180), fov_y=42)
     scene = Carved(surface, np.zeros((32, 32)), scale, (6, 4)).scene
     _, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, light, points, normals)
-    relief = ibr.ReliefSurface(grid(surface, *cells), np.zeros((4, 4)), WHITE, scale, tiles=(4, 4), shadow=shadow)
-    share, told = shares(relief, camera, light)
-    assert truth.sum() > 2000
-    assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum()
+    assert truth.sum() > least
+    for shadow in SHADOWS:
+        relief = ibr.ReliefSurface(grid(surface, *cells), np.zeros((4, 4)), WHITE, scale, tiles=(4, 4), shadow=shadow)
+        share, told = shares(relief, camera, light)
+        assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum(), shadow
+
+
+@pytest.mark.parametrize("scale", [0.03, 0.1, 0.15])
+@pytest.mark.parametrize("name", SOLIDS)
+def test_a_deep_even_relief_does_not_shade_itself(name, scale):
+    """The light's rays enter at other places than the picture's, below other quadrics: a map alone shades 11 %."""
+    check_even(name, scale, ibr.Light(direction=(1, 0.2, -0.3), ambient=AMBIENT), 1100)
 
 
 LIGHTS = {
@@ -55,19 +59,10 @@ LIGHTS = {
 }
 
 
-@pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("name", LIGHTS)
-def test_a_deep_torus_is_no_wider_in_its_shadow(name, shadow):
+def test_a_deep_torus_is_no_wider_in_its_shadow(name):
     """The ring's other side casts its shadow across the torus. By equation 7 it would be too wide, by 2 % or more."""
-    light = ibr.Light(**LIGHTS[name], ambient=AMBIENT)
-    camera = Camera.look_at((2.2, -3, 1.9), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=42)
-    scene = Carved(torus, np.zeros((32, 32)), 0.15, (6, 4)).scene
-    _, points, normals = first_hits(scene, camera)
-    truth = true_shares(scene, light, points, normals)
-    relief = ibr.ReliefSurface(grid(torus, 96, 48), np.zeros((4, 4)), WHITE, 0.15, tiles=(4, 4), shadow=shadow)
-    share, told = shares(relief, camera, light)
-    assert truth.sum() > 500
-    assert (told & (share < 0.5) & truth).sum() <= 0.005 * ibr.render(relief, camera).valid.sum()
+    check_even("torus", 0.15, ibr.Light(**LIGHTS[name], ambient=AMBIENT), 280)
 
 
 @pytest.mark.parametrize("light", [{"direction": (0.2, 0.5, -1)}, {"position": (-1.0, 1, 3)}], ids=["far", "near"])
@@ -163,16 +158,16 @@ def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
 
 
 def test_small_tiles_far_away():
-    """The truth has 8 x 8 rays per pixel. A shadow map shows moire if its texels cover many texels of the relief."""
+    """Compared with 6 x 6 rays a pixel; the map shows moire where its texels hold many texels of the relief."""
     camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), fov_y=50)
-    finer = camera.resized((1280, 960))
+    finer = camera.resized((960, 720))
     light = ibr.Light(direction=(1, 0.3, -0.6), ambient=AMBIENT)
 
     def picture(camera: Camera, shadow: Any) -> np.ndarray:
         relief = ibr.ReliefSurface(square(), bricks(), WHITE, 0.008, tiles=(24, 24), shadow=shadow)
         return ibr.render(relief, camera, light).color.astype(float)
 
-    truth = picture(finer, "search").reshape(120, 8, 160, 8, 3).mean(axis=(1, 3))
+    truth = picture(finer, "search").reshape(120, 6, 160, 6, 3).mean(axis=(1, 3))
     inside = cv2.erode(ibr.render(square(), camera).valid.astype(np.uint8), np.ones((5, 5))) > 0
     off = {way: np.sqrt(np.square(picture(camera, way) - truth)[inside].mean()) for way in SHADOWS}
     assert off["search"] <= 0.5 * off["map"], off
@@ -185,7 +180,7 @@ def test_small_tiles_far_away():
 def test_both_ways_agree_on_a_plane(options):
     """Away from edges of shadows, both agree; edges in the shadow map are off by up to two of its texels."""
     camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, 0), (0, 0, 1), (320, 240), fov_y=42)
-    light = ibr.Light(direction=(0.7, 0.5, -0.6), ambient=AMBIENT, shadow_size=2048)
+    light = ibr.Light(direction=(0.7, 0.5, -0.6), ambient=AMBIENT, shadow_size=1024)
     mapped, found = (
         shares(ibr.ReliefSurface(square(), blocks(), WHITE, 0.1, tiles=(4, 4), shadow=way, **options), camera, light)
         for way in SHADOWS
@@ -197,12 +192,13 @@ def test_both_ways_agree_on_a_plane(options):
 
 
 @pytest.mark.parametrize("silhouette", ["quadric", "none"])
-@pytest.mark.parametrize("scale", [0.02, 0.05, 0.1])
-@pytest.mark.parametrize("cells", [(12, 8), (16, 10), (32, 20), (64, 48)])
+@pytest.mark.parametrize(
+    ("cells", "scale"), [((12, 8), 0.02), ((12, 8), 0.1), ((16, 10), 0.05), ((32, 20), 0.1), ((64, 48), 0.05)], ids=str
+)
 def test_an_even_relief_on_a_coarse_ball_does_not_shade_itself(cells, scale, silhouette):
     """From facet to facet, normals and quadrics of entering rays change: a map alone would shade up to a quarter."""
     ball = ibr.ReliefSurface(grid(sphere, *cells), np.full((8, 8), 0.5), WHITE, scale, silhouette=silhouette)
-    camera = Camera.look_at((1.5, -3, 1.2), (0, 0, 0), (0, 0, 1), (240, 200), fov_y=45)
+    camera = Camera.look_at((1.5, -3, 1.2), (0, 0, 0), (0, 0, 1), (180, 150), fov_y=45)
     lit, plain = (
         ibr.render(ball, camera, ibr.Light(direction=(0.5, 1, -0.6), ambient=0.2, shadow_size=size))
         .color[..., 0]
@@ -210,7 +206,7 @@ def test_an_even_relief_on_a_coarse_ball_does_not_shade_itself(cells, scale, sil
         for size in (1024, 0)
     )
     told = plain > 75
-    assert told.sum() > 5000
+    assert told.sum() > 2800
     assert (told & (plain - lit > 15)).sum() <= 0.005 * told.sum()
 
 
