@@ -9,10 +9,10 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from tests.data import shared
+from tests.embree import embree, true_depth
 from tests.relief.solids import Carved, grid
 
 WHITE, EVEN = np.full((2, 2, 3), 200, np.uint8), np.full((4, 4), 0.5, np.float32)
-o3d = pytest.importorskip("open3d")
 
 
 def beads(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -28,7 +28,7 @@ def check_outline_and_inside(frame: ibr.Frame, truth: np.ndarray) -> None:
     solid = np.isfinite(truth).astype(np.uint8)
     inside = cv2.erode(solid, np.ones((5, 5)), borderValue=0) > 0
     around = cv2.dilate(solid, np.ones((5, 5))) > 0
-    assert inside.sum() > 5000
+    assert inside.sum() > 3000
     assert (inside & ~frame.valid).sum() == 0
     assert (frame.valid & ~around).sum() == 0
 
@@ -36,15 +36,17 @@ def check_outline_and_inside(frame: ibr.Frame, truth: np.ndarray) -> None:
 @pytest.mark.parametrize("distance", ["approximate", "exact"])
 @pytest.mark.parametrize("height", [0.2, 1.6])
 def test_bulges_with_necks_between_them(height, distance):
-    camera = Camera.look_at((0.6, -3.6, height), (0, 0, 0), (0, 0, 1), (241, 237), fov_y=28)
+    camera = Camera.look_at((0.6, -3.6, height), (0, 0, 0), (0, 0, 1), (161, 157), fov_y=28)
     truth = Carved(beads, np.full((32, 32), 0.5), 0.05, (8, 8)).depth(camera)
     relief = ibr.ReliefSurface(grid(beads, 64, 96), EVEN, WHITE, 0.05, tiles=(8, 8), distance=distance)
     check_outline_and_inside(ibr.render(relief, camera), truth)
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("distance", ["approximate", "exact"])
-@pytest.mark.parametrize("turn", [0, 45, 135, 180, 270])
+@pytest.mark.parametrize(
+    ("turn", "distance"),
+    [(0, "approximate"), (45, "exact"), (135, "approximate"), (135, "exact"), (180, "exact"), (270, "approximate")],
+)
 def test_a_head_on_a_neck(turn, distance):
     """Spot, a cow of 5,856 triangles, with a relief 0.004 of its size deep and all heights 0.5."""
     mesh = ibr.Mesh.load(next(shared("meshes/spot").glob("*.obj*")))
@@ -53,11 +55,6 @@ def test_a_head_on_a_neck(turn, distance):
     scale, away = 0.004 * size, np.array([np.sin(angle), 0.35, np.cos(angle)])
     camera = Camera.look_at(middle + 1.15 * size * away, middle, (0, 1, 0), (317, 323), fov_y=42)
     relief = ibr.ReliefSurface(mesh, EVEN, WHITE, scale, tiles=(24, 24), distance=distance)
-    scene = o3d.t.geometry.RaycastingScene()
     carved = mesh.vertices - 0.5 * scale * relief.frames.normals[: len(mesh.vertices)]
-    scene.add_triangles(carved.astype(np.float32), mesh.faces.astype(np.uint32))
-    y, x = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
-    ahead = camera.unproject(np.column_stack([x, y]), np.ones(x.size)) - camera.center
-    rays = np.concatenate([np.broadcast_to(camera.center, ahead.shape), ahead], axis=1)
-    truth = scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().reshape(camera.height, camera.width)
+    truth = true_depth(embree(ibr.Mesh(carved, mesh.faces)), camera)
     check_outline_and_inside(ibr.render(relief, camera), truth)
