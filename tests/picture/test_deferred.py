@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import permutations
 from typing import Any
 
@@ -29,34 +30,36 @@ def torus(turn: int, size: float = 0.7) -> ibr.Mesh:
     return ibr.Mesh(points, made.faces, colors=colors)
 
 
-def crossing() -> list[Any]:
-    """Four kinds of things made of images, and a mesh, all of which intersect."""
+@cache
+def crossing() -> tuple[list[Any], ibr.Frame, list[np.ndarray], np.ndarray]:
+    """Four kinds of things made of images, which intersect each other, and a mesh; their picture without a light, the
+    depths of each alone, and True where the nearest one is told from the others."""
     eye = ibr.Camera.look_at((0.5, -2.6, 2.2), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=40)
-    return [
+    things = [
         ibr.DepthObject(object_views(torus(0), 64), slices=48),
         ibr.DepthMeshObject(object_views(torus(1, 0.65), 64)),
         ibr.VisualHull(object_views(torus(2, 0.6), 64), slices=48),
         capture(torus(1, 0.8), eye),
         torus(2, 0.75),
     ]
+    alone = [ibr.render(thing, CAMERA).depth for thing in things]
+    return things, ibr.render(things, CAMERA), alone, ~ties(alone)
 
 
-def ties(things: list[Any], camera: ibr.Camera) -> np.ndarray:
+def ties(alone: list[np.ndarray]) -> np.ndarray:
     """(H, W) True within some pixels of places where the two nearest things have equal depth."""
-    depths = np.sort([np.nan_to_num(ibr.render(thing, camera).depth, nan=np.inf) for thing in things], axis=0)
+    depths = np.sort(np.nan_to_num(alone, nan=np.inf), axis=0)
     tied = np.pad((depths[0] == depths[1]) & np.isfinite(depths[0]), 4)
-    height, width = camera.height, camera.width
+    height, width = depths[0].shape
     return np.any([tied[y : y + height, x : x + width] for y, x in np.ndindex(9, 9)], axis=0)
 
 
 @pytest.mark.parametrize("light", LIGHTS)
 def test_colours_do_not_depend_on_the_order(light):
-    things, lamp = crossing(), ibr.Light(**LIGHTS[light])
-    first, plain = ibr.render(things, CAMERA, lamp), ibr.render(things, CAMERA)
-    alone = [ibr.render(thing, CAMERA).depth for thing in things]
+    (things, plain, alone, told), lamp = crossing(), ibr.Light(**LIGHTS[light])
+    first = ibr.render(things, CAMERA, lamp)
     assert min((first.depth == depth).sum() for depth in alone) > 200  # each thing is seen
     assert (first.color != plain.color).any(axis=2)[plain.valid].mean() > 0.2
-    told = ~ties(things, CAMERA)
     assert told[first.valid].mean() > 0.95
     for number, order in enumerate([*permutations(things[:-1])][::5]):
         place = number % len(things)  # position of the mesh
@@ -77,7 +80,7 @@ MAKERS: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("name", MAKERS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.thorough if n == "thin" else ()) for n in MAKERS])
 def test_a_part_of_the_picture_has_the_same_colours(name):
     """Shading uses the things' own normals. Shadow maps use slopes of the picture's depths, which are one-sided at its
     border."""
@@ -108,7 +111,7 @@ def test_what_is_drawn_in_front_later_is_lit_on_its_own():
     wall = ibr.DepthImage(np.full((61, 81, 3), 200, np.uint8), np.full((61, 81), 4, np.float32), camera)
     card = ibr.Mesh([[-1, -1, 3], [1, -1, 3], [1, 1, 3.5], [-1, 1, 3.5]], [[0, 2, 1], [0, 3, 2]])
     for relight in (False, True):
-        light = ibr.Light(direction=(0.4, 0.2, 1), relight=relight)
+        light = ibr.Light(direction=(0.4, 0.2, 1), shadow_size=256, relight=relight)
         alone = ibr.render(card, camera, light)
         for things in ([card, wall], [wall, card]):
             frame = ibr.render(things, camera, light)
@@ -150,7 +153,7 @@ def test_each_way_of_the_warp_is_lit(how, relight):
         views.append(ibr.DepthImage(np.full((61, 81, 3), 200, np.uint8), depth.astype(np.float32), seen_by))
     card = ibr.Mesh([[-1.2, -0.6, 2], [-0.4, -0.6, 2], [-0.4, 0.6, 2], [-1.2, 0.6, 2]], [[0, 2, 1], [0, 3, 2]])
     way = np.array([0.3, 0.1, 1.0])
-    light = ibr.Light(direction=way, relight=relight, ambient=0.25)
+    light = ibr.Light(direction=way, relight=relight, ambient=0.25, shadow_size=256)
     frames = [
         ibr.render(things, camera, light)
         for thing in [ibr.WarpedView(views, **how)]
