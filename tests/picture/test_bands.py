@@ -33,8 +33,7 @@ def little() -> Iterator[Callable[[int], None]]:
     room.total = whole
 
 
-@pytest.mark.parametrize("cameras", [1, 2])
-@pytest.mark.parametrize("classes", [False, True])
+@pytest.mark.parametrize(("cameras", "classes"), [(1, True), (2, False)])
 def test_pictures_without_the_memory_for_them_are_drawn_in_bands(little, monkeypatch, cameras: int, classes: bool):
     view = scenes.stepped(SIZE)
     targets = [view.camera.moved(0.3 + step, 0.2, 0.4) for step in range(cameras)]
