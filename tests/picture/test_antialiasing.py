@@ -61,7 +61,7 @@ def test_the_depth_of_a_plane_is_what_the_pixels_centre_sees():
     np.testing.assert_allclose(four.depth, one.depth, rtol=1e-5)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, pytest.param(np.float32, marks=pytest.mark.thorough)])
 def test_the_background_shows_by_what_is_not_covered(dtype):
     known = scenes.stepped(SIZE)
     grey = np.full((*SIZE[::-1], 3), 200 if dtype == np.uint8 else 0.8, dtype)
@@ -104,8 +104,7 @@ def test_warps_have_samples_too(method):
     np.testing.assert_array_equal(out.alpha, frame.alpha)
 
 
-@pytest.mark.parametrize("fill", ["smooth", "background"])
-@pytest.mark.parametrize("samples", [4, 36])
+@pytest.mark.parametrize(("samples", "fill"), [(4, "smooth"), (36, "background")])
 def test_what_was_seen_stays_as_it_was_seen_where_holes_are_filled(samples, fill):
     view = scenes.stepped(SIZE)
     for camera in (view.camera.moved(0.4, 0, 0), view.camera.moved(0.3, 0.2, 0.1)):
