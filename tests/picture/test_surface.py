@@ -28,6 +28,7 @@ from tests.reference.edges import edges_of, with_ring
 Array = NDArray[Any]
 PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
 LANES = {"wide": nullcontext, "one lane": one_lane}
+FORMS = ["wide", pytest.param("one lane", marks=pytest.mark.thorough)]
 F = 525.0
 CAMERA = ibr.Camera([[F, 0, 319.5], [0, F, 239.5], [0, 0, 1]], (640, 480))
 DOWN = np.arange(480)[:, None] - CAMERA.K[1, 2] + np.zeros(640)
@@ -64,7 +65,7 @@ def surface_on_host(view: ibr.DepthImage, cut_ratio: float | None, connected: bo
     return made, made.view(np.int32) & 7
 
 
-@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("lanes", FORMS)
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (6, 1), (2, 2), (7, 13), (61, 37)], ids=str)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize(("edges", "cut_ratio"), [("cut", None), ("cut", 1.05), ("connect", None)])
@@ -87,7 +88,7 @@ def test_edges_and_ring_are_the_references(lanes, size, projection, edges, cut_r
         np.testing.assert_array_equal((bits & bit != 0)[inside], found[inside], err_msg=str(bit))
 
 
-@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("lanes", FORMS)
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (8, 7), (7, 13), (61, 37), (143, 96)], ids=str)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_bounds_are_those_of_the_samples_around_each_cell(lanes, size, projection):
@@ -293,7 +294,7 @@ def test_real_rooms_are_torn_at_their_depth_edges_alone():
             assert 5e-4 < share < 0.02, (kind, file.name, share)
 
 
-@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("lanes", FORMS)
 def test_all_margins_are_found_where_every_sample_is_torn_off(lanes: str):
     """The margins outgrow their first buffer: each quarter of each pixel is one, except at the border."""
     lanes_of: AbstractContextManager[Any] = LANES[lanes]()
