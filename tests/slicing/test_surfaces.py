@@ -89,18 +89,12 @@ def test_depth_error_falls_as_the_number_of_slices_rises(slicing, projection):
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
 def test_no_view_sees_through(slicing, projection):
+    """With 256 slices, silhouettes are right, too."""
     for cam, truth in views(projection):
-        for slices in (16, 64):
+        seen = np.isfinite(truth)
+        for slices in (16, 64, 256):
             frame = ibr.render(surface(slices, slicing), cam)
             assert frame.valid[interior(truth, JUMP)].all()
-
-
-@pytest.mark.parametrize("projection", PROJECTIONS)
-@pytest.mark.parametrize("slicing", ["orthogonal", "screen"])
-def test_silhouettes(slicing, projection):
-    for cam, truth in views(projection):
-        frame = ibr.render(surface(256, slicing), cam)
-        seen = np.isfinite(truth)
         assert (seen & frame.valid).sum() / (seen | frame.valid).sum() >= 0.99
 
 
