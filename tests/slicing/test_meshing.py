@@ -63,6 +63,7 @@ def test_an_image_of_unknown_depth_leaves_a_closed_mesh():
     check_closed(thing.to_mesh(20))
 
 
+@pytest.mark.thorough
 def test_both_forms_of_kernels_find_the_same_mesh():
     views = views_of_torus("nine, anywhere")
     wide = ibr.DepthObject(views).to_mesh(31)
