@@ -14,7 +14,7 @@ from pyibr.images.metrics import silhouette_iou
 from tests.displaced import square
 from tests.relief.solids import Carved, cylinder, grid, plane, sphere, torus
 
-SIZE = (400, 300)
+SIZE = (240, 180)
 WHITE = np.full((2, 2, 3), 200, np.uint8)
 
 
@@ -49,12 +49,12 @@ def distance(frame: ibr.Frame, truth: np.ndarray, camera: Camera) -> np.ndarray:
     return np.abs(frame.depth - truth) * length
 
 
-def over_square(elevation: float, projection: str = "perspective") -> Camera:
+def over_square(elevation: float, projection: str = "perspective", size: tuple[int, int] = SIZE) -> Camera:
     """A camera at `elevation` degrees that looks at the middle of the unit square."""
     e = np.radians(elevation)
     eye = np.array([0.5, 0.5, 0]) + 1.6 * np.array([0.35 * np.cos(e), -0.94 * np.cos(e), np.sin(e)])
     tall = {"height": 0.9} if projection == "orthographic" else {}
-    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.3, 1), SIZE, fov_y=32, projection=projection, **tall)
+    return Camera.look_at(eye, (0.5, 0.5, 0), (0, 0.3, 1), size, fov_y=32, projection=projection, **tall)
 
 
 @cache
@@ -83,15 +83,15 @@ def test_a_plane(elevation, projection, thin):
     frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.05), camera)
     entered = ibr.render(base, camera).valid
     np.testing.assert_array_equal(frame.valid, entered)
-    # On level ground, depth changes by 0.003 / sin(elevation) from row to row of pixels.
-    inside = away_from_edges(np.where(entered, truth, np.inf), max(0.02, 0.015 / np.sin(np.radians(elevation))))
-    assert inside.sum() > 3000
+    # On the flat, depth changes by 0.005 / sin(elevation) between rows of pixels.
+    inside = away_from_edges(np.where(entered, truth, np.inf), max(0.033, 0.025 / np.sin(np.radians(elevation))))
+    assert inside.sum() > 600
     off = distance(frame, truth, camera)[inside] * 64  # texels
     assert (off <= 0.5).mean() >= 0.999, (off <= 0.5).mean()
 
 
 def test_even_steps_miss_thin_features_and_safe_ones_do_not():
-    camera = over_square(15)
+    camera = over_square(15, size=(400, 300))
     base = square()
     truth = carved_plane(True).depth(camera)
     missed = {}
@@ -104,9 +104,8 @@ def test_even_steps_miss_thin_features_and_safe_ones_do_not():
     assert missed["linear"] >= 0.01
 
 
-@pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("side", [0, 1, 2, 3])
-@pytest.mark.parametrize("n", [64, 48])
+@pytest.mark.parametrize(("n", "distance_"), [(64, "exact"), (48, "approximate")])
 def test_rays_along_an_axis_of_the_map(n, side, distance_):
     """Parallel rays, each in one row or column of texels or between two, are compared with 4096 even steps."""
     e, d = np.radians(12), np.radians(90 * side)
@@ -144,9 +143,9 @@ def carved(name: str) -> Carved:
 
 
 def banded_iou(a: np.ndarray, b: np.ndarray) -> float:
-    """Intersection over union of the pixels within 20 pixels of b's silhouette."""
+    """Intersection over union within 12 pixels of b's silhouette."""
     inner, outer = cv2.erode(b.astype(np.uint8), np.ones((3, 3))), cv2.dilate(b.astype(np.uint8), np.ones((3, 3)))
-    band = cv2.dilate(outer - inner, np.ones((41, 41))) > 0
+    band = cv2.dilate(outer - inner, np.ones((25, 25))) > 0
     return silhouette_iou(a & band, b & band)
 
 
@@ -168,8 +167,8 @@ def test_curved_solids(name, distance_):
     assert banded_iou(frame.valid, solid) >= 0.95
     wrong = {silhouette: (made.valid ^ solid).sum() for silhouette, made in frames.items()}
     assert wrong["quadric"] <= 0.4 * wrong["none"], wrong
-    inside = away_from_edges(truth, 0.03)
-    assert inside.sum() > 5000
+    inside = away_from_edges(truth, 0.05)
+    assert inside.sum() > 1800
     assert frame.valid[inside].all()
     texel = 2 * np.pi * (1.4 if name == "torus" else 1.0) / (tiles[0] * 64)
     off = distance(frame, truth, camera)[inside] / texel
@@ -235,7 +234,7 @@ def test_two_coincident_cylinders_show_what_lies_farther_out():
     )
     truths = [Carved(cylinder, height, 0.05, tiles, fine=1).depth(camera) for height in (bricks(), other)]
     nearest = np.minimum(*truths)
-    inside = away_from_edges(nearest, 0.03) & frame.valid
+    inside = away_from_edges(nearest, 0.05) & frame.valid
     agrees = (frame.color[..., 0] > 100) == (truths[0] < truths[1])
     assert agrees[inside].mean() >= 0.98, agrees[inside].mean()
     assert 0.2 <= (truths[0] < truths[1])[inside].mean() <= 0.8
