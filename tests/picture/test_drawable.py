@@ -32,7 +32,7 @@ def base() -> ibr.Mesh:
 def systems() -> dict[str, object]:
     """A thing of each system, within a distance of 1.5 of the origin."""
     views, rng = object_views(models.donut(16), 48), np.random.default_rng(0)
-    height, color = rng.random((9, 7)).astype(np.float32), rng.integers(0, 256, (5, 6, 3)).astype(np.uint8)
+    height, color = rng.random((16, 8)).astype(np.float32), rng.integers(0, 256, (5, 6, 3)).astype(np.uint8)
     return {
         "DepthImage": views[5],
         "Mesh": base(),
@@ -86,7 +86,7 @@ def test_every_system_is_drawable(name):
     assert (np.abs([low, high]) < 1.5).all() and (low < high).any()
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, pytest.param(np.float32, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
 def test_who_draws_first_writes_every_pixel(name, projection, dtype):
