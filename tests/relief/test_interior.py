@@ -19,7 +19,7 @@ from tests.relief.test_truth import away_from_edges, distance, tiled_noise
 from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
 
 WHITE = np.full((2, 2, 3), 200, np.uint8)
-SIZE = (161, 117)
+SIZE = (121, 87)
 BASES: dict[str, tuple[Surface, tuple[int, int], tuple[int, int], float, tuple[float, float]]] = {
     # surface, cells, tiles, scale, and the (u, v) at which two lanes between blocks cross
     "plane": (plane, (1, 1), (9, 9), 0.1, (4 / 9, 4 / 9)),
@@ -84,8 +84,8 @@ FACETS = 0.01
 
 def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> None:
     """Assert that every pixel away from edges shows the relief, off by at most the fraction `part` of its distance."""
-    inside = away_from_edges(truth, 0.02)
-    assert inside.sum() > 100
+    inside = away_from_edges(truth, 0.027)
+    assert inside.sum() > 30
     assert frame.valid[inside].all()
     assert (frame.valid != np.isfinite(truth)).mean() <= 0.02
     off, most = distance(frame, truth, camera)[inside], part * truth[inside] + CELL
@@ -114,9 +114,8 @@ def test_few_steps_are_enough_for_rays_that_leave(name, look):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("distance_", ["approximate", "exact"])
 @pytest.mark.parametrize("look", LOOKS)
-@pytest.mark.parametrize("name", ["plane", "torus, inside"])
+@pytest.mark.parametrize(("name", "distance_"), [("plane", "approximate"), ("torus, inside", "exact")])
 def test_over_the_lowest_place_of_hills(name, look, distance_):
     surface, _, tiles, scale, (u, v) = BASES[name]
     row, column = np.unravel_index(hills().argmin(), hills().shape)
@@ -213,13 +212,14 @@ def test_a_lane_is_open_where_the_mesh_ends():
     wall = ibr.Mesh([[3, -9, -9], [3, 9, -9], [3, 9, 9], [3, -9, 9]], [[0, 1, 2], [0, 2, 3]], sides="both")
     camera = Camera.look_at((0.5, 0, 0.9), (3, 0, 0.9), (0, 0, 1), SIZE, fov_y=30)
     frame = ibr.render([ibr.ReliefSurface(cube(), blocks(), WHITE, 0.2, tiles=(2, 2)), wall], camera)
-    assert frame.depth[58, 80] == pytest.approx(2.5, abs=1e-4)
+    assert frame.depth[43, 60] == pytest.approx(2.5, abs=1e-4)
     # The lane is 8 to 12 of 32 texels wide, so that both of its walls begin at most 6/32 from its middle.
-    x = (np.arange(161) - camera.K[0, 2]) / camera.K[0, 0] * 0.5
-    assert frame.depth[58, np.abs(x) < 3 / 32] == pytest.approx(2.5, abs=1e-4)
-    assert (frame.depth[58, np.abs(x) > 7 / 32] < 0.5).all()
+    x = (np.arange(SIZE[0]) - camera.K[0, 2]) / camera.K[0, 0] * 0.5
+    assert frame.depth[43, np.abs(x) < 3 / 32] == pytest.approx(2.5, abs=1e-4)
+    assert (frame.depth[43, np.abs(x) > 7 / 32] < 0.5).all()
 
 
+@pytest.mark.thorough
 def test_maps_of_bytes_that_do_not_tile():
     camera = looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["back, nearly level"])
     bytes_ = np.rint(255 * np.tile(blocks(), (9, 9))).astype(np.uint8)
@@ -242,6 +242,7 @@ def test_all_distances_are_one_within(distance_, anisotropy):
     np.testing.assert_allclose(frame.depth, plain.depth, rtol=1e-5)  # separate builds may round differently
 
 
+@pytest.mark.thorough
 def test_normals_of_a_map_light_walls_within():
     """With a map of upright normals, all parts are equally bright; with normals from the heights they are not."""
     camera, light = (
@@ -265,21 +266,20 @@ def test_light_falls_between_blocks(name, shadow):
     On the tube, the edges come from a mesh of 64 sides.
     """
     surface, _, _, scale, (u, v) = BASES[name]
-    camera = looking(surface, u, v, 0.5 * scale, LOOKS["along u"], (240, 180))
+    camera = looking(surface, u, v, 0.5 * scale, LOOKS["along u"], (200, 150))
     light = ibr.Light(direction=(-0.5, 1, -0.5), ambient=AMBIENT)
     scene = carved(name, False).scene
     depth, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, light, points, normals)
     share, told = shares(relief(name, shadow=shadow), camera, light)
     counted = told & np.isfinite(depth) & ~edges(truth) & away_from_edges(depth, 0.02)
-    assert counted.sum() > 3000
+    assert counted.sum() > 1800
     assert 0.1 < truth[counted].mean() < 0.9
     assert ((share > 0.5) == truth)[counted].mean() >= (0.99 if name == "plane" else 0.95)
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("look", ["along u", "up"])
-@pytest.mark.parametrize("name", ["plane", "torus, inside"])
+@pytest.mark.parametrize(("name", "look"), [("plane", "along u"), ("torus, inside", "up")])
 def test_one_lane_is_as_good_as_sixteen(name, look):
     surface, _, _, scale, (u, v) = BASES[name]
     camera = looking(surface, u, v, 0.5 * scale, LOOKS[look])
