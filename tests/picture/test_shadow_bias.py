@@ -20,12 +20,12 @@ def sun(elevation: float, turn: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize("size", [64, 256, 1024])
-@pytest.mark.parametrize("elevation", [10, 20, 45, 70, 90])
+@pytest.mark.parametrize("elevation", [10, 20, 45, 90])
 def test_a_lit_plane_has_no_acne(elevation, size):
     """Planes, depth images of a plane and lit sides of boxes have no dark spots, even with texels of many pixels."""
     turned = ibr.Mesh(plane().vertices @ rotation(0.3, 0.2), plane().faces)
     color, depth = np.full((60, 80, 3), 255, np.uint8), np.full((60, 80), 4, np.float32)
-    for turn in (0, 33, 200):
+    for turn in (33, 200) if elevation < 90 else (0,):
         direction = np.array(sun(elevation, turn))
         near = -3 * direction
         shapes = [
@@ -37,7 +37,7 @@ def test_a_lit_plane_has_no_acne(elevation, size):
         for shape in shapes:
             for thing, turned_by in ((plane(), np.eye(3)), (turned, rotation(0.3, 0.2))):
                 spun = {key: value if key == "angle" else np.array(value) @ turned_by for key, value in shape.items()}
-                camera = Camera.look_at(np.array((0.4, -3, 3)) @ turned_by, (0, 0, 0), (0, 0, 1), (160, 120), fov_y=50)
+                camera = Camera.look_at(np.array((0.4, -3, 3)) @ turned_by, (0, 0, 0), (0, 0, 1), (100, 75), fov_y=50)
                 picture, plain = (
                     ibr.render(thing, camera, ibr.Light(**spun, shadow_size=n)).color.astype(int) for n in (size, 0)
                 )
@@ -48,8 +48,11 @@ def test_a_lit_plane_has_no_acne(elevation, size):
         assert picture.color[picture.valid].min() >= 254
 
 
-@pytest.mark.parametrize("size", [(80, 60), (160, 120), (320, 240)], ids=str)
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize(
+    ("size", "projection"),
+    [((80, 60), "perspective"), ((160, 120), "orthographic"), ((320, 240), "perspective"), ((80, 60), "orthographic")],
+    ids=str,
+)
 def test_lit_nearest_samples_have_no_acne(projection, size):
     """With nearest samples, a slanted plane and hills are drawn as steps; all of the surface faces the light."""
     K = [[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]] if projection == "perspective" else np.diag([40.0, 40, 1])
@@ -76,7 +79,7 @@ def test_lit_reliefs_have_no_acne(size, elevation, mapped):
     level = np.broadcast_to(np.float32([0, 0, 1]), (4, 4, 3)) if mapped else None
     color = np.full((1, 1, 3), 255, np.uint8)
     relief = ibr.ReliefSurface(square(), height, color, 0.15, tiles=(2, 2), normal_map=level)
-    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.1), (0, 0, 1), (320, 240), fov_y=42)
+    camera = Camera.look_at((0.9, -1.0, 1.05), (0.5, 0.5, -0.1), (0, 0, 1), (240, 180), fov_y=42)
     for turn in (0, 33, 200):
         direction = sun(elevation, turn)
         picture, plain = (ibr.render(relief, camera, ibr.Light(direction=direction, shadow_size=n)) for n in (size, 0))
@@ -110,13 +113,13 @@ def rotation(a: float, b: float) -> np.ndarray:
 def test_the_foot_of_a_box_is_in_its_shadow(shape, size):
     """The floor beside the box's dark side is dark from the first pixel on."""
     things = [plane(1.0), box((-0.2, 0, 0.2), (0.2, 0.3, 0.2))]
-    camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (301, 301), fov_y=40)
+    camera = Camera.look_at((1.0, 0, 1.6), (0.2, 0, 0), (0, 0, 1), (201, 201), fov_y=40)
     _, points, _ = first_hits(embree(*things), camera)
     for light in (ibr.Light(**shape, shadow_size=size), ibr.Light(**shape, shadow_size=size, angle=60)):
         share, told = shares(things, camera, light)
         floor = (np.abs(points[..., 2]) < 1e-5) & told & (np.abs(points[..., 1]) < 0.2)
         beside = floor & (points[..., 0] > 0) & (points[..., 0] < 0.25)  # the shadow is 0.4 long, or more
-        assert beside.sum() > 1000
+        assert beside.sum() > 450
         assert share[beside].max() <= 0.01
 
 
