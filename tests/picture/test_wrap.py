@@ -58,11 +58,12 @@ def thing(system: str, span: Any, height: np.ndarray, color: np.ndarray = WHITE,
 
 
 def scene(system: str, span: Any, height: np.ndarray, wrap: tuple[str, str] = ("clamp", "clamp")) -> Any:
-    """The true surface as triangles for ray casting, over the square and 0.3 beyond its sides."""
+    """The triangulated surface over the square and 0.3 around it, in about five cells a texel."""
     heights = height / 255 if height.dtype == np.uint8 else height.astype(float)
-    ticks = np.linspace(-0.3, 1.3, 481)
-    x, y = (values.ravel() for values in np.meshgrid(ticks, ticks))
     (u0, v0), (u1, v1) = span
+    texels = 1.6 * max((u1 - u0) * height.shape[1], (v1 - v0) * height.shape[0])
+    ticks = np.linspace(-0.3, 1.3, min(481, 81 + int(5 * texels)))
+    x, y = (values.ravel() for values in np.meshgrid(ticks, ticks))
     rise = bilinear_height(heights, u0 + (u1 - u0) * x, v0 + (v1 - v0) * y, wrap)
     z = SCALE * (rise - 1 if system.startswith("relief") else rise)
     n = len(ticks)
@@ -92,12 +93,7 @@ def scene_of(kind: str, span: Any, name: str, wrap: tuple[str, str]) -> Any:
 
 
 def share_right(
-    system: str,
-    span: Any,
-    name: str,
-    camera: Camera,
-    true_wrap: tuple[str, str] = ("clamp", "clamp"),
-    **more: Any,
+    system: str, span: Any, name: str, camera: Camera, true_wrap: tuple[str, str] = ("clamp", "clamp"), **more: Any
 ) -> float:
     """Fraction of `known` pixels, away from depth edges, whose depth is right within two slices."""
     truth, points, _ = first_hits(scene_of(system.split()[0].rstrip(","), span, name, true_wrap), camera)
@@ -128,12 +124,13 @@ def test_clamped_heights(name, span, system):
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("wrap", [("repeat", "clamp"), ("clamp", "repeat")])
 def test_heights_clamped_along_one_axis(wrap, system):
-    for name in ("bytes, powers of two", "odd"):
-        # Where the map repeats along one axis, heights jump within half a texel, and the truth's cliffs are sharper:
-        # more pixels are near them. Cliffs along x also occlude parts of oblique views, so only 70 degrees is tested.
-        for elevation in (70, 35) if wrap[0] == "clamp" else (70,):
-            assert share_right(system, BEYOND, name, above(elevation), wrap, wrap=wrap) >= 0.99
-        assert share_right(system, BEYOND, name, above(70), wrap, wrap="clamp") < 0.9
+    """Each of the kernels with one axis and bytes, and with the other axis and floats, or the other way round."""
+    name = "odd" if (wrap[0] == "clamp") != (system == "relief, exact") else "bytes, powers of two"
+    # Cliffs where the map repeats are half a texel wide, of 33 or 15 texels, so more pixels are near them. In
+    # oblique views, cliffs from left to right occlude a part of the picture, and are sharper in the truth.
+    for elevation in (70, 35) if wrap[0] == "clamp" else (70,):
+        assert share_right(system, BEYOND, name, above(elevation), wrap, wrap=wrap) >= 0.99
+    assert share_right(system, BEYOND, name, above(70), wrap, wrap="clamp") < 0.9
 
 
 @pytest.mark.parametrize("system", ["slices", "relief"])
@@ -144,9 +141,9 @@ def test_a_repeated_map_jumps_at_its_border(system):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("system", ["slices", "relief", "relief, exact"])
 def test_one_lane_sees_the_same(system):
-    camera, made = above(35), thing(system, BEYOND, MAPS["odd"])
+    camera, made = above(35, size=(101, 77)), thing(system, BEYOND, MAPS["odd"])
     frame = ibr.render(made, camera)
     with one_lane():
         alone = ibr.render(made, camera)
@@ -194,28 +191,26 @@ def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("wrap", [("clamp", "clamp"), ("repeat", "clamp"), ("clamp", "repeat")])
 @pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize("size", [(20, 14), (33, 1), (1, 1)])
 @pytest.mark.parametrize("system", ["slices", "relief"])
-def test_clamped_colours(system, size, level, wrap):
+def test_clamped_colours(system, size, level):
     """On a flat surface, colours come from the level of the map whose texels are as large as a pixel."""
+    wraps: list[tuple[str, str]] = [("clamp", "clamp"), ("repeat", "clamp"), ("clamp", "repeat")]
     color = np.rint(255 * np.dstack([ramp(*size, seed) for seed in (1, 2, 3)])).astype(np.uint8)
     seen = np.floor(halved(color) + 0.5) if level else color.astype(float)
     camera = straight_above(0.7 if level == 0 else 2.8, max(2 * size[0], 1.8 * size[1], 40))
-    full = np.ones((2, 2), np.float32)
-    frame = ibr.render(
-        thing(system, BEYOND, full, color, wrap=wrap, **({"test": "at_least"} if system == "slices" else {})), camera
-    )
+    full, way = np.ones((2, 2), np.float32), {"test": "at_least"} if system == "slices" else {}
     u, v = uv_from_above(camera)
-    expected = np.dstack([bilinear_height(seen[..., c], u, v, wrap) for c in range(3)])
-    assert frame.valid.sum() >= 100
-    assert np.abs(frame.color - expected)[frame.valid].max() <= 0.52  # rounding to bytes
+    for wrap in wraps:
+        frame = ibr.render(thing(system, BEYOND, full, color, wrap=wrap, **way), camera)
+        expected = np.dstack([bilinear_height(seen[..., c], u, v, wrap) for c in range(3)])
+        assert frame.valid.sum() >= 100
+        assert np.abs(frame.color - expected)[frame.valid].max() <= 0.52, wrap  # rounding to bytes
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("size", [(20, 14), (1, 9)])
-@pytest.mark.parametrize("system", ["slices", "relief"])
+@pytest.mark.parametrize(("system", "size"), [("slices", (20, 14)), ("relief", (20, 14)), ("relief", (1, 9))])
 def test_clamped_normals(system, size):
     rng = np.random.default_rng(5)
     normals = np.dstack([rng.uniform(-0.5, 0.5, (*size[::-1], 2)), np.ones(size[::-1])]).astype(np.float32)
@@ -232,22 +227,20 @@ def test_clamped_normals(system, size):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    "system", ["slices", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("relief", "relief, exact"))]
-)
+@pytest.mark.parametrize("system", ["slices", "relief", "relief, exact"])
 def test_slopes_shade_and_cast_shadows_as_far_as_the_map_reaches(system):
     """A disk lies on a slope that ends at the map's border: no cliff is there, and the surface outside is flat."""
     y, x = np.mgrid[:24, :32] / 24
     height = (0.3 * (1.33 - x) + 0.55 * (np.hypot(x - 0.65, y - 0.45) < 0.25)).astype(np.float32)
-    light, camera = ibr.Light(direction=(0.8, 0.5, -0.5), ambient=AMBIENT, shadow_size=2048), above(65, size=(320, 240))
+    light, camera = ibr.Light(direction=(0.8, 0.5, -0.5), ambient=AMBIENT, shadow_size=1024), above(65, size=(240, 180))
     solid = scene(system, BEYOND, height)
     depth, points, normals = first_hits(solid, camera)
     truth = true_shares(solid, light, points, normals)
     share, told = shares(thing(system, BEYOND, height), camera, light)
     inner = (np.abs(points[..., :2] - 0.5) < 0.48).all(axis=-1)
     counted = told & inner & known(system, BEYOND, camera, points) & ~edges(truth) & np.isfinite(depth)
-    assert counted.sum() > 8000
-    assert 0.02 < 1 - truth[counted].mean() < 0.5
+    assert counted.sum() > 4500
+    assert 0.015 < 1 - truth[counted].mean() < 0.5
     assert ((share > 0.5) == truth)[counted].mean() >= 0.995
     # Away from kinks, the shading has the truth's normals.
     plain = ibr.Light(direction=light.direction, ambient=AMBIENT, shadow_size=0)
@@ -274,6 +267,7 @@ def test_other_heights_are_clamped_too():
     np.testing.assert_array_equal(ibr.render(again, above(50)).depth, ibr.render(fresh, above(50)).depth)
 
 
+@pytest.mark.thorough
 def test_places_beyond_a_clamped_map_are_its_border():
     camera = above(60)
     places = thing("relief", BEYOND, MAPS["odd"]).tile_coordinates(camera)
