@@ -16,15 +16,17 @@ from tests.slicing.solids import looking, torus, views_of_torus
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-@pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
-def test_a_surface_in_one_lane(slicing, projection):
+@pytest.mark.parametrize(
+    ("slicing", "slices", "projection"),
+    [("surface", 16, "orthographic"), ("orthogonal", 16, "perspective"), ("screen", "view", "perspective")],
+)
+def test_a_surface_in_one_lane(slicing, slices, projection):
     rng = np.random.default_rng(3)
     height, color = rng.random((16, 16), np.float32), rng.integers(0, 256, (8, 8, 3)).astype(np.uint8)
-    thing = ibr.SlicedSurface(models.donut(12), height, color, 0.2, tiles=(4, 2), slices=16, slicing=slicing)
+    thing = ibr.SlicedSurface(models.donut(12), height, color, 0.2, tiles=(4, 2), slices=slices, slicing=slicing)
     tall = {"height": 2.6} if projection == "orthographic" else {}
     camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45, projection=projection, **tall)
-    light = ibr.Light(direction=(0.3, 1, -1))
+    light = ibr.Light(direction=(0.3, 1, -1), shadow_size=128)
     wide = ibr.render(thing, camera, light)
     with one_lane():
         one = ibr.render(thing, camera, light)
@@ -37,7 +39,7 @@ def test_a_surface_in_one_lane(slicing, projection):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
+@pytest.mark.parametrize("kind", ["perspective", "nine, anywhere"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
 def test_an_object_in_one_lane(make, kind):
     thing, camera = make(views_of_torus(kind), slices=64), looking(torus(), (0.5, 0.4, 1), (101, 77))
@@ -50,6 +52,7 @@ def test_an_object_in_one_lane(make, kind):
     assert (np.abs(one.color.astype(int) - wide.color)[both].max(axis=1) <= 1).mean() >= 0.99
 
 
+@pytest.mark.thorough
 def test_a_work_item_is_a_pixel_in_one_lane_and_a_bin_or_a_block_in_sixteen():
     """This is what kernels/slicing/surface.cl and object.cl document."""
     camera = Camera.look_at((0, 1, 4), (0, 0, 0), (0, 1, 0), (101, 77), fov_y=45)
