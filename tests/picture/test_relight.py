@@ -23,8 +23,8 @@ LIGHTS: dict[str, dict[str, Any]] = {
     "lamp": {"position": (-2, -3, 2.0), "ambient": 0.1, "specular": 0.4, "color": (1, 0.9, 0.8)},
     "spot": {"position": (1.5, -2.5, 2.5), "direction": (-1.5, 2.5, -2.4), "angle": 70, "ambient": 0.2},
 }
-PERSPECTIVE = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (320, 240), fov_y=40)
-ORTHOGRAPHIC = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (320, 240), projection="orthographic", height=2.6)
+PERSPECTIVE = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (240, 180), fov_y=40)
+ORTHOGRAPHIC = Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (240, 180), projection="orthographic", height=2.6)
 
 MAKERS: dict[str, Callable[[list[ibr.DepthImage]], Any]] = {
     "depth object": lambda views: ibr.DepthObject(views, slices=256),
@@ -121,9 +121,15 @@ def psnr(one: np.ndarray, other: np.ndarray, which: np.ndarray) -> float:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("camera", [PERSPECTIVE, ORTHOGRAPHIC], ids=["perspective", "orthographic"])
-@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
-@pytest.mark.parametrize("given", [True, False], ids=["given", "from depths"])
+@pytest.mark.parametrize(
+    ("given", "projection", "camera"),
+    [
+        (True, "orthographic", PERSPECTIVE),
+        (True, "perspective", ORTHOGRAPHIC),
+        (False, "orthographic", ORTHOGRAPHIC),
+        (False, "perspective", PERSPECTIVE),
+    ],
+)
 def test_a_donut_is_relit(given, projection, camera):
     mesh = donut()
     truth, views = Truth(mesh, camera), object_views(mesh, 192, projection=projection, normals=given)
@@ -132,7 +138,7 @@ def test_a_donut_is_relit(given, projection, camera):
         for light in LIGHTS.values():
             frame = ibr.render(thing, camera, ibr.Light(**light, shadow_size=0, relight=True))
             seen = truth.seen(frame)
-            assert seen.sum() > 500
+            assert seen.sum() > 250
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
 
 
@@ -140,7 +146,7 @@ def test_a_donut_is_relit(given, projection, camera):
 def scan(name: str) -> tuple[Truth, list[ibr.DepthImage]]:
     """The truth of a scan, and views of it with normals."""
     mesh = scanned(name)
-    return Truth(mesh, PERSPECTIVE), object_views(mesh, 256, normals=True)
+    return Truth(mesh, PERSPECTIVE.resized((320, 240))), object_views(mesh, 256, normals=True)
 
 
 def scan_of(name: str, given: bool) -> tuple[Truth, list[ibr.DepthImage]]:
@@ -156,7 +162,7 @@ def test_a_scanned_bunny_is_relit(given):
     for name, least in {"depth object": 36, "depth meshes": 37, "warp": 32}.items():
         thing = MAKERS[name](views)
         for light in LIGHTS.values():
-            frame = ibr.render(thing, PERSPECTIVE, ibr.Light(**light, shadow_size=0, relight=True))
+            frame = ibr.render(thing, truth.camera, ibr.Light(**light, shadow_size=0, relight=True))
             seen = truth.seen(frame)
             assert seen.sum() > 19000
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= least, name
@@ -175,7 +181,7 @@ def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least):
     for name in ("depth object", "depth meshes"):
         thing = MAKERS[name](views)
         for light, bar in zip(LIGHTS.values(), least, strict=True):
-            frame = ibr.render(thing, PERSPECTIVE, ibr.Light(**light, shadow_size=0, relight=True))
+            frame = ibr.render(thing, truth.camera, ibr.Light(**light, shadow_size=0, relight=True))
             shown = truth.seen(frame)
             seen = shown & by_images
             assert seen.sum() > 0.95 * shown.sum() > 11000
@@ -193,24 +199,23 @@ def test_in_shadow_too(name):
     things = [*(made if isinstance(made, list) else [made]), floor, card]
     for light in LIGHTS.values():
         lamp = ibr.Light(**light)
-        frame, plain = (ibr.render(things, PERSPECTIVE, ibr.Light(**light, relight=on)) for on in (True, False))
+        frame, plain = (
+            ibr.render(things, PERSPECTIVE, ibr.Light(**light, shadow_size=512, relight=on)) for on in (True, False)
+        )
         reached = true_shares(scene, lamp, np.where(np.isfinite(points), points, 0), own)
         mine = truth.seen(frame) & (depth == truth.depth)
         away = mine & ~edges(reached)
         assert 0.1 < reached[mine].mean() < 0.99
-        assert away.sum() > 0.7 * mine.sum()
+        assert away.sum() > 0.6 * mine.sum()
         assert psnr(frame.color, truth.lit(lamp, reached), away) >= 35
         flat = np.isin(np.round(points[..., 2], 4), (-0.95, 1.1)) & (abs(frame.depth - depth) < 1e-3)
         others = flat & ~edges(depth)
-        assert others.sum() > 10000
+        assert others.sum() > 5500
         np.testing.assert_array_equal(frame.color[others], plain.color[others])  # the floor and the card
 
 
 BENT = Camera(
-    PERSPECTIVE.K,
-    PERSPECTIVE.size,
-    PERSPECTIVE.world_from_camera,
-    lens=ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0]),
+    PERSPECTIVE.K, PERSPECTIVE.size, PERSPECTIVE.world_from_camera, lens=ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
 )
 
 
@@ -221,8 +226,16 @@ def donuts() -> tuple[dict[Camera, Truth], list[ibr.DepthImage]]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["depth object", "depth meshes", "warp"])
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [
+        ("depth object", np.uint8),
+        ("depth meshes", np.uint8),
+        ("warp", np.uint8),
+        ("depth object", np.float32),
+        ("warp", np.float32),
+    ],
+)
 def test_through_a_lens_and_by_several_samples(name, dtype):
     """Silhouettes are left out: their colours are mixed with the background."""
     truths, views = donuts()
@@ -236,7 +249,7 @@ def test_through_a_lens_and_by_several_samples(name, dtype):
         whole = np.ones(frame.valid.shape) if frame.alpha is None else frame.alpha
         inner = truth.seen(frame) & ~edges(truth.depth) & (whole == 1)  # without the ends of the images' surfaces
         color = frame.color if frame.color.dtype == np.uint8 else 255 * frame.color
-        assert inner.sum() > 10000
+        assert inner.sum() > 5500
         assert psnr(color, truth.lit(ibr.Light(**light)), inner) >= 36
 
 
@@ -289,7 +302,7 @@ def test_of_what_has_no_normals_the_picture_tells_them():
     depth, points, own = first_hits(embree(ibr.Mesh(corners, faces)), PERSPECTIVE)
     expected = shaded(np.full(3, 200.0), own, np.where(np.isfinite(points), points, 0), PERSPECTIVE, light)
     inner = frame.valid & np.isfinite(depth) & ~edges(own[..., 0] > 0.5) & ~edges(own[..., 2] > 0.5) & ~edges(depth)
-    assert inner.sum() > 5000
+    assert inner.sum() > 2500
     assert psnr(frame.color, expected, inner) >= 30
 
 
