@@ -12,14 +12,13 @@ from tests.one_lane import one_lane
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("options", [{}, {"search": "linear"}, {"distance": "exact"}, {"silhouette": "none"}])
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_one_lane_is_as_good_as_sixteen(projection, options):
+@pytest.mark.parametrize("options", [{}, {"search": "linear"}, {"distance": "exact"}])
+def test_one_lane_is_as_good_as_sixteen(options):
     rng = np.random.default_rng(3)
-    height, color = rng.random((16, 24), np.float32), rng.integers(0, 256, (8, 8, 3)).astype(np.uint8)
+    height, color = rng.random((16, 32), np.float32), rng.integers(0, 256, (8, 8, 3)).astype(np.uint8)
     thing = ibr.ReliefSurface(models.donut(24), height, color, 0.1, tiles=(4, 2), **options)
-    tall = {"height": 2.6} if projection == "orthographic" else {}
-    camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45, projection=projection, **tall)
+    flat = {"projection": "orthographic", "height": 2.6} if "search" in options else {"fov_y": 45}
+    camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), **flat)
     wide = ibr.render(thing, camera)
     with one_lane():
         one = ibr.render(thing, camera)
@@ -37,7 +36,7 @@ def test_shadows_in_one_lane(shadow):
     height, color = np.kron(np.eye(4, dtype=np.float32), np.ones((4, 4))), np.full((1, 1, 3), 255, np.uint8)
     thing = ibr.ReliefSurface(models.donut(24), height, color, 0.1, tiles=(6, 3), shadow=shadow)
     camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45)
-    light = ibr.Light(direction=(1, 0.3, -0.5))
+    light = ibr.Light(direction=(1, 0.3, -0.5), shadow_size=128)
     wide = ibr.render(thing, camera, light)
     with one_lane():
         one = ibr.render(thing, camera, light)
