@@ -175,7 +175,7 @@ def test_fronts_are_what_is_seen_from_outside_however_triangles_are_wound(wound)
 
 @pytest.mark.parametrize("eye", [(0.5, 0.3, 3.0), (1.8, 0.0, 0.4), (0.0, 0.0, 0.0)])
 def test_what_is_seen_is_what_rays_reach(eye):
-    surface = surface_of(torus(), count=5000)
+    surface = surface_of(torus(), count=4000)
     one = Frustum.look_at(eye, (0.3, -0.9, 0.1), (0, 0, 1), 200, fov=80)
     truth = seen_by_rays(surface, [one])
     assert 0.02 < truth.mean() < 0.7
@@ -261,7 +261,7 @@ def test_a_box_is_checked():
 
 def test_frusta_are_proposed_that_see_more_and_more():
     shares: list[float] = []
-    surface = surface_of(donut(), count=10_000)
+    surface = surface_of(donut(), count=4000)
     made = propose_frusta(donut(), 5, 64, surface=surface, progress=lambda *now: shares.append(now[2]))
     assert len(made) == len(shares) == 5
     assert shares == sorted(shares, reverse=True)
@@ -297,10 +297,10 @@ def test_six_cover_the_inner_wall_of_the_torus():
 
 def test_a_part_is_covered_and_no_more():
     box = np.array([[0.2, -2.0, -2.0], [2.0, 2.0, 2.0]])
-    surface = surface_of(donut(), count=8000, within=box)
-    made = propose_frusta(donut(), 4, 96, surface=surface)
+    surface = surface_of(donut(), count=4000, within=box)
+    made = propose_frusta(donut(), 4, 64, surface=surface)
     assert seen_by_rays(surface, made).mean() > 0.97
-    whole = surface_of(donut(), count=8000)
+    whole = surface_of(donut(), count=4000)
     away = whole.points[:, 0] < -0.3
     assert seen_by_rays(whole, made)[away].mean() < 0.5
 
