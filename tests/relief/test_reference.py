@@ -21,7 +21,7 @@ SCALE, TILES = 0.1, (6, 3)
 
 
 def hills(rows: int = 12) -> np.ndarray:
-    """Heights of `rows` x 16 texels that repeat without a seam."""
+    """Heights of `rows` x 16 texels that tile without a seam."""
     y, x = np.mgrid[:rows, :16]
     a, b = 2 * np.pi * x / 16, 2 * np.pi * y / rows
     return (0.5 + 0.3 * np.sin(a) * np.cos(b) + 0.15 * np.cos(2 * a + b)).astype(np.float32)

@@ -48,7 +48,7 @@ def check_even(name: str, scale: float, light: ibr.Light, least: int) -> None:
 @pytest.mark.parametrize("scale", [0.03, 0.1, 0.15])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_a_deep_even_relief_does_not_shade_itself(name, scale):
-    """The light's rays enter at other places than the picture's, below other quadrics: a map alone shades 11 %."""
+    """The light's rays enter at other triangles, below other quadrics: a map alone would shade 11 %."""
     check_even(name, scale, ibr.Light(direction=(1, 0.2, -0.3), ambient=AMBIENT), 1100)
 
 
@@ -158,7 +158,7 @@ def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
 
 
 def test_small_tiles_far_away():
-    """Compared with 6 x 6 rays a pixel; the map shows moire where its texels hold many texels of the relief."""
+    """The truth has 6 x 6 rays per pixel. A shadow map shows moire if its texels cover many texels of the relief."""
     camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), fov_y=50)
     finer = camera.resized((960, 720))
     light = ibr.Light(direction=(1, 0.3, -0.6), ambient=AMBIENT)

@@ -83,7 +83,7 @@ def test_a_plane(elevation, projection, thin):
     frame = ibr.render(ibr.ReliefSurface(base, height, WHITE, 0.05), camera)
     entered = ibr.render(base, camera).valid
     np.testing.assert_array_equal(frame.valid, entered)
-    # On the flat, depth changes by 0.005 / sin(elevation) between rows of pixels.
+    # On level ground, depth changes by 0.005 / sin(elevation) from row to row of pixels.
     inside = away_from_edges(np.where(entered, truth, np.inf), max(0.033, 0.025 / np.sin(np.radians(elevation))))
     assert inside.sum() > 600
     off = distance(frame, truth, camera)[inside] * 64  # texels
@@ -143,7 +143,7 @@ def carved(name: str) -> Carved:
 
 
 def banded_iou(a: np.ndarray, b: np.ndarray) -> float:
-    """Intersection over union within 12 pixels of b's silhouette."""
+    """Intersection over union of the pixels within 12 pixels of b's silhouette."""
     inner, outer = cv2.erode(b.astype(np.uint8), np.ones((3, 3))), cv2.dilate(b.astype(np.uint8), np.ones((3, 3)))
     band = cv2.dilate(outer - inner, np.ones((25, 25))) > 0
     return silhouette_iou(a & band, b & band)

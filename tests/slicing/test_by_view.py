@@ -95,7 +95,7 @@ def test_surfaces_take_as_many_as_the_picture_needs(slicing):
     @cache
     def tests(width: int, slices: Any, texels: int = 1024) -> float:
         whole = camera(40, 20, (width, width * 3 // 4))
-        size = min(width, 80), min(width, 80) * 3 // 4  # the middle of a larger picture
+        size = min(width, 80), min(width, 80) * 3 // 4  # at most the middle of the picture
         K = whole.K - np.pad((np.subtract(whole.size, size) / 2)[:, None], ((0, 1), (2, 0)))
         cam, thing = Camera(K, size, whole.world_from_camera), made(slices, texels)
         return float(alpha_tests(thing, cam).sum() / ibr.render(thing, cam).valid.sum())

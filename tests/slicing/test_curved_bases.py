@@ -73,7 +73,7 @@ def moved(base: ibr.Mesh, by: float) -> ibr.Mesh:
     return ibr.Mesh(base.vertices + by * normals, base.faces, uv=np.asarray(base.uv) * (5, 2), texture=lines())
 
 
-# Each direction with each base, and each place with two bases; in quick tests, each direction with two places.
+# Each slicing with each base, and each eye with some bases; in quick tests, each slicing with two eyes.
 VIEWED = [
     pytest.param(name, way, EYES[(i + j) % 3], marks=pytest.mark.thorough if (j - i - i // 3) % 3 else ())
     for i, name in enumerate(BASES)
@@ -99,7 +99,7 @@ def test_even_heights_show_the_moved_mesh(name, slicing, eye):
 def hilly_donut(sides: int) -> tuple[ibr.Mesh, list[tuple[Camera, np.ndarray]]]:
     """A donut, and its true depths for three cameras when it is displaced by 0.3."""
     base = models.donut(sides)
-    fine = embree(finely_displaced(base, heights(), 0.3, (5, 2), cells=-(-640 // sides)))  # 4 a texel
+    fine = embree(finely_displaced(base, heights(), 0.3, (5, 2), cells=-(-640 // sides)))  # 4 cells per texel
     cameras = [Camera.look_at(eye, (0, 0, 0), (0, 0, 1), (120, 90), fov_y=42) for eye in EYES]
     return base, [(camera, true_depth(fine, camera)) for camera in cameras]
 

@@ -43,12 +43,12 @@ def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
 
 def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
     frame, seen = ibr.render(thing, camera), np.isfinite(truth)
-    # At the outline, parts thinner than a slice may be missed: up to 3 of 1000 pixels here.
+    # Slices may miss parts thinner than their distance, at outlines: up to 3 of 1000 pixels here.
     assert silhouette_iou(frame.valid, seen) >= 0.995
     both = frame.valid & seen
     off = (np.abs(frame.depth - truth) * across_slices(thing, camera))[both] * 2**thing.halvings / spacing(thing)
-    # The first slice behind the surface is between 0 and 1 spacings away. 0.55 allows more than three standard errors
-    # of the median of 1500 such distances. 1.02: the truth itself is accurate to 0.001.
+    # A ray's hit is between 0 and 1 spacings behind the surface. The median of 1500 such distances is 0.5; 0.55 is over
+    # three standard errors more. 1.02: the truth itself is precise to 0.001.
     assert np.median(off) <= 0.55
     assert np.quantile(off, 0.98) <= 1.02
 
@@ -420,7 +420,7 @@ for focal in (10, 1e16):
 def test_rays_end_in_boxes_that_float32_does_not_hold():
     command = [sys.executable, "-c", IN_BOXES]
     done = subprocess.run(command, env=with_path(), capture_output=True, text=True, timeout=300, check=True)
-    edges = [0.3, 0.3, 7.4e-15, 7.4e-15]  # a pixel's width, or a margin for rounding
+    edges = [0.3, 0.3, 7.4e-15, 7.4e-15]  # a pixel's width; a margin for rounding
     np.testing.assert_allclose([float(line) for line in done.stdout.split()], edges, rtol=0.01)
 
 
