@@ -267,9 +267,11 @@ def special_cameras(view: DepthImage, size: Size | None = None, projection: Proj
     return found
 
 
-def all_cameras(view: DepthImage, size: Size | None = None, projection: Projection = "perspective") -> list[Pose]:
-    """`target_cameras` of all nine regions, then `special_cameras`."""
-    finite = [pose for region in REGIONS for pose in target_cameras(view, region, size, projection)]
+def some_cameras(
+    view: DepthImage, regions: str, size: Size | None = None, projection: Projection = "perspective"
+) -> list[Pose]:
+    """`target_cameras` of some regions, then `special_cameras`."""
+    finite = [pose for region in regions for pose in target_cameras(view, region, size, projection)]
     return finite + special_cameras(view, size, projection)
 
 

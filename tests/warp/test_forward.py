@@ -16,13 +16,13 @@ from tests.reference.warp import forward_reference, search_reference
 
 PROJECTIONS = ("perspective", "orthographic")
 SIZE, TARGET = (31, 22), (27, 24)
-SCENES = [scenes.smooth, scenes.stepped, scenes.holed]
+SCENES = {scenes.smooth: "AFH", scenes.stepped: "BDI", scenes.holed: "CEG"}  # and places of the epipole
 ROUNDING = 2e-6  # relative: float32 depth after a few dozen operations
 
 
 @cache
 def poses_of(scene: Callable[..., ibr.DepthImage], source: Projection, target: Projection) -> list[scenes.Pose]:
-    return scenes.all_cameras(scene(SIZE, source), TARGET, target)
+    return scenes.some_cameras(scene(SIZE, source), SCENES[scene], TARGET, target)
 
 
 @pytest.mark.parametrize("splat", [1, 2, 3])
@@ -32,7 +32,7 @@ def poses_of(scene: Callable[..., ibr.DepthImage], source: Projection, target: P
 def test_forward_is_its_reference(scene, source, target, splat):
     view = scene(SIZE, source)
     drawn = 0
-    for pose in poses_of(scene, source, target)[splat - 1 :: 4]:
+    for pose in poses_of(scene, source, target)[splat % 2 :: 2]:
         found = ibr.warp(view, pose.camera, method="forward", splat=splat)
         expected = forward_reference(view, pose.camera, splat)
         # Rounding decides which pixel gets a sample on a border between two, and which of two equal depths is nearer.
@@ -82,7 +82,7 @@ def test_a_larger_splat_closes_gaps():
 def test_search_is_its_reference(scene, source, target, sample):
     view = scene(SIZE, source)
     compared = 0
-    for number, pose in enumerate(poses_of(scene, source, target)[sample == "nearest" :: 5]):
+    for number, pose in enumerate(poses_of(scene, source, target)[sample == "nearest" :: 2]):
         options: dict[str, Any] = {
             "edges": ("connect", "cut")[number % 2],
             "side": ("front", "both", "back")[number % 3],
