@@ -25,7 +25,7 @@ FEATHER = int(constant("warp/view_edges.cl", "FEATHER"))
 STEPS = int(constant("warp/view_edges.cl", "STEPS"))
 
 
-@pytest.fixture(params=[16, 1])
+@pytest.fixture(params=[16, pytest.param(1, marks=pytest.mark.thorough)])
 def lanes(request):
     with one_lane() if request.param == 1 else nullcontext():
         yield
@@ -62,7 +62,7 @@ def test_the_order_of_views_changes_no_bit():
     target = views[0].camera.moved(0.05, 0.02, 0.1)
     rng = np.random.default_rng(1)
     first = ibr.warp(views, target, classes=True)
-    for _ in range(4):
+    for _ in range(2):
         order = rng.permutation(len(views))
         other = ibr.warp([views[k] for k in order], target, classes=True)
         same(first, other)
@@ -95,7 +95,7 @@ def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, 
     told = method != "forward"
     first = ibr.warp(views, camera, method=method, blend=blend, fill=fill, classes=told)
     assert not first.valid.all()
-    for order in list(permutations(range(len(views))))[::5]:
+    for order in list(permutations(range(len(views))))[5::9]:
         frame = ibr.warp([views[k] for k in order], camera, method=method, blend=blend, fill=fill, classes=told)
         same(first, frame)
         if told:
@@ -118,7 +118,14 @@ def test_two_views_as_far_apart_as_one_surface_may_be_are_so_in_either_order():
 
 
 @pytest.mark.usefixtures("lanes")
-@pytest.mark.parametrize("how", [{}, {"thin": True}, {"method": "forward"}, {"classes": True}, {"alone": True}])
+@pytest.mark.parametrize(
+    ("how", "lanes"),
+    [
+        *((how, 16) for how in ({}, {"thin": True}, {"method": "forward"}, {"classes": True}, {"alone": True})),
+        pytest.param({}, 1, marks=pytest.mark.thorough),
+    ],
+    indirect=["lanes"],
+)
 def test_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(monkeypatch, how):
     views = several(5)
     how = dict(how)
@@ -126,7 +133,7 @@ def test_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(monkey
         views = [ibr.DepthImage(None, view.depth, view.camera) for view in views]
     target = views[0].camera.moved(0.05, 0.02, 0.1)
     held = ibr.warp(views, target, **how)
-    for layers in (1, 2, 3):
+    for layers in (1, 3):
         hold(monkeypatch, layers)
         same(held, ibr.warp(views, target, **how))
         if "classes" in how:
@@ -157,7 +164,7 @@ def test_work_is_linear_in_the_views(monkeypatch):
 
     monkeypatch.setattr(exposure._Sampled, "compared_with", counting)
     target = scenes.source_camera(SIZE).moved(0.05, 0.02, 0.1)
-    for count in (5, 20, 40):
+    for count in (5, 20):
         views, compared = several(count, apart=0.005), 0
         with watching(Traffic()) as seen:
             ibr.warp(views, target)
@@ -246,10 +253,10 @@ def test_tiles_of_a_target_are_parts_of_the_whole():
 
 
 def test_a_wall_has_one_colour_along_a_path():
-    wall = np.full((120, 160), 4, np.float32)
-    camera = ibr.Camera([[160, 0, 79.5], [0, 160, 59.5], [0, 0, 1]], (160, 120))
+    wall = np.full((45, 60), 4, np.float32)
+    camera = ibr.Camera([[60, 0, 29.5], [0, 60, 22], [0, 0, 1]], (60, 45))
     views = [
-        ibr.DepthImage(np.full((120, 160, 3), 90 * gain, np.uint8), wall, camera.moved(at, 0, 0))
+        ibr.DepthImage(np.full((45, 60, 3), 90 * gain, np.uint8), wall, camera.moved(at, 0, 0))
         for gain, at in ((1, 0), (1.5, 2.0), (1.2, 3.5))
     ]
     seen: list[int] = []
