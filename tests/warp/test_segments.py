@@ -59,8 +59,9 @@ def swept(view: ibr.DepthImage, camera: ibr.Camera) -> tuple[int, int]:
     return items, visited["epipolar_sweep"].samples + visited["epipolar_sweep"].pixels
 
 
-@pytest.mark.parametrize("position", ["A", "E", "F", "sideways"])
-def test_lines_keep_a_gpu_busy_and_are_walked_once(position: str):
+@pytest.mark.parametrize("position", ["A", "E", "F", pytest.param("sideways", marks=pytest.mark.thorough)])
+def test_lines_keep_a_gpu_busy_and_are_walked_once(position: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("benchmarks.launches.COUNTED", ("epipolar_sweep",))
     view = reliefs.view(_SIDE)
     sideways = position == "sideways"
     camera = view.camera.moved(0.3, 0, 0) if sideways else reliefs.target_camera(_SIDE, position, "forward")
