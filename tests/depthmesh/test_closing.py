@@ -50,6 +50,18 @@ def donut() -> MeshScene:
     return MeshScene.from_mesh(models.donut())
 
 
+@cache
+def donut_of(samples: int, projection: str) -> ibr.DepthMeshObject:
+    return ibr.DepthMeshObject(object_views(donut(), samples, projection=projection))
+
+
+@cache
+def knots() -> list[ibr.DepthMeshObject]:
+    """The knot, closed and not."""
+    views = object_views(knot(), 256, projection="perspective")
+    return [ibr.DepthMeshObject(views, closed=closed) for closed in (True, False)]
+
+
 def against(scene: MeshScene, thing: ibr.DepthMeshObject, camera: Camera) -> tuple[ibr.Frame, ibr.DepthImage]:
     return ibr.render(thing, camera), scene.capture(camera)
 
@@ -64,8 +76,9 @@ def missed_and_false(frame: ibr.Frame, truth: ibr.DepthImage) -> tuple[int, int]
 @pytest.mark.parametrize("eye", [(2, -2, 2), (2.5, -1.5, 2), (-1, 0.4, -2.8)])
 @pytest.mark.parametrize("samples", [128, 256])
 def test_a_donut_is_whole(samples, eye, projection):
-    thing = ibr.DepthMeshObject(object_views(donut(), samples, projection=projection))
-    frame, truth = against(donut(), thing, Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=45))
+    frame, truth = against(
+        donut(), donut_of(samples, projection), Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=45)
+    )
     missed, false = missed_and_false(frame, truth)
     assert truth.valid.sum() > 16_000
     # The outline is 700 pixels long. Along it, up to half a sample may be lost, which is 0.4 pixels with 256 samples;
@@ -97,10 +110,8 @@ def test_a_cup_is_whole_for_an_eye_close_above(projection):
 @pytest.mark.thorough
 @pytest.mark.parametrize("eye", [(5.1, -4.7, 6.2), (7.5, -5.5, 4), (-6, -6, 6), (-3.5, 7.5, -5), (6, 6, 6)])
 def test_a_knot_gets_no_shards(eye):
-    views = object_views(knot(), 256, projection="perspective")
     camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
-    frame, truth = against(knot(), ibr.DepthMeshObject(views), camera)
-    bare, _ = against(knot(), ibr.DepthMeshObject(views, closed=False), camera)
+    (frame, truth), (bare, _) = (against(knot(), thing, camera) for thing in knots())
     missed, false = missed_and_false(frame, truth)
     assert false == 0
     assert missed <= 0.2 * missed_and_false(bare, truth)[0]

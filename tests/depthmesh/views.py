@@ -15,7 +15,7 @@ from tests.slicing.solids import looking, torus, views_of_torus
 
 PROJECTIONS = ("perspective", "orthographic")
 TESTS = ("orthogonality", "connectedness", "disparity", "none")  # values of `Segmentation.test`
-SIZE = (180, 150)
+SIZE = (120, 100)
 DIRECTIONS = ((0.5, 0.4, 1), (-1, 0.3, 0.2), (0.2, -1, -0.5))
 
 
@@ -161,7 +161,7 @@ def check_crack_free(corners: np.ndarray, size: scenes.Size) -> np.ndarray:
 
 def some_mesh(rng: np.random.Generator, number: int) -> ibr.DepthMesh:
     """Random depth mesh number `number`: each third one has holes, and the segmentation tests take turns."""
-    size = tuple(int(n) for n in rng.integers(2, 90, 2))
+    size = tuple(int(n) for n in rng.integers(2, 64, 2))
     noise, holes = rng.choice([0, 0.02, 0.3]), 0.01 * (number % 3 == 0)
     view = rough(rng, size, PROJECTIONS[number % 2], noise, holes)
     return ibr.DepthMesh(view, segmentation=Segmentation(TESTS[number // 2 % 4], gap=0.05))
