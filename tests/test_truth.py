@@ -115,7 +115,7 @@ def test_depth_change_over_a_source_pixel():
 
 @pytest.mark.parametrize("scene", [scenes.smooth, scenes.stepped])
 def test_every_region_and_pair_of_signs_is_there(scene):
-    view = scene((64, 48))
+    view = scene((40, 30))
     for region in scenes.REGIONS:
         poses = scenes.target_cameras(view, region)
         assert {pose.signs for pose in poses} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}, region
@@ -130,7 +130,8 @@ def test_every_region_and_pair_of_signs_is_there(scene):
 @pytest.mark.parametrize(("scene", "regions"), [(scenes.smooth, "AFH"), (scenes.stepped, "BDI"), (scenes.holed, "CEG")])
 def test_search_reference_is_the_truth(scene, regions, source, target):
     view = scene(SIZE, source)
-    for number, pose in enumerate(scenes.some_cameras(view, regions, TARGET, target)[::2]):
+    first = 2 * PROJECTIONS.index(source) + PROJECTIONS.index(target)
+    for number, pose in enumerate(scenes.some_cameras(view, regions, TARGET, target)[first::4]):
         edges, side = ("connect", "cut")[number % 2], ("front", "both")[number // 2 % 2]
         seen = truth.raycast(view, pose.camera, edges=edges, side=side)
         found = search_reference(view, pose.camera, edges=edges, side=side)
@@ -148,7 +149,7 @@ def test_search_reference_is_the_truth(scene, regions, source, target):
 @pytest.mark.parametrize("source", PROJECTIONS)
 def test_nearest_search_is_within_a_source_pixel(source):
     view = scenes.stepped(SIZE, source)
-    for pose in scenes.some_cameras(view, {"perspective": "AEH", "orthographic": "BFG"}[source], TARGET)[::2]:
+    for pose in scenes.some_cameras(view, {"perspective": "AEH", "orthographic": "BFG"}[source], TARGET)[::4]:
         seen = truth.raycast(view, pose.camera)
         found = search_reference(view, pose.camera, sample="nearest")
         np.testing.assert_array_equal(found.valid, seen.valid)

@@ -142,6 +142,7 @@ def test_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(monkey
             np.testing.assert_array_equal(held.source, twice.source)
 
 
+@pytest.mark.thorough
 def test_relit_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(monkeypatch):
     thing = ibr.WarpedView(several(4))
     camera = thing.views[0].camera.moved(0.05, 0.02, 0.1)

@@ -16,6 +16,8 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.warp.test_laws import same_bits
 
+pytestmark = pytest.mark.thorough
+
 _SIDE, _FULL = 192, 1024  # pixels: work-items are counted for a side of 192; _ITEMS is for a side of 1024
 _ITEMS, _ITEMS_SIDEWAYS = 64_000, 16_000
 
@@ -59,7 +61,7 @@ def swept(view: ibr.DepthImage, camera: ibr.Camera) -> tuple[int, int]:
     return items, visited["epipolar_sweep"].samples + visited["epipolar_sweep"].pixels
 
 
-@pytest.mark.parametrize("position", ["A", "E", "F", pytest.param("sideways", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("position", ["A", "E", "F", "sideways"])
 def test_lines_keep_a_gpu_busy_and_are_walked_once(position: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("benchmarks.launches.COUNTED", ("epipolar_sweep",))
     view = reliefs.view(_SIDE)
