@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("open3d")
-
 import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from tests.depthmesh.test_closing import SIZE, donut, knot
 from tests.one_lane import one_lane
 from tests.shadowed import box
+
+o3d = pytest.importorskip("open3d")
 
 LANES = ["many", pytest.param("one", marks=pytest.mark.thorough)]
 SCENES = {"donut": (donut, (2, -2, 2)), "knot": (knot, (5.1, -4.7, 6.2))}
@@ -36,6 +36,12 @@ def closed_and_open(name: str, **kwargs: Any) -> tuple[ibr.Frame, ibr.Frame]:
         ibr.render(ibr.DepthMeshObject(views, blended=6, closed=closed), camera, **kwargs) for closed in (True, False)
     )
     return first, second
+
+
+@cache
+def pictured(name: str) -> tuple[ibr.Frame, ibr.DepthImage]:
+    scene, views, camera = drawn(name)
+    return ibr.render(ibr.DepthMeshObject(views), camera), scene.capture(camera)
 
 
 def told(frame: ibr.Frame) -> np.ndarray:
@@ -66,24 +72,28 @@ def test_guessed_is_exactly_what_is_closed(name, lanes):
 @pytest.mark.parametrize("name", SCENES)
 def test_no_view_saw_what_is_guessed(name):
     scene, views, camera = drawn(name)
-    guessed, away = guessed_and_away(scene, views, camera)
+    guessed, away = guessed_and_away(views, *pictured(name))
     assert (away < 0.5).sum() > 800 and guessed[away < 0.5].mean() < 0.02  # 0.5: drawn surfaces extend by half a sample
-    guessed, away = guessed_and_away(scene, views[::2], camera)  # three of six views show half of the surface
+    some = views[::2]  # three sides, half of the surface
+    guessed, away = guessed_and_away(some, ibr.render(ibr.DepthMeshObject(some), camera), scene.capture(camera))
     assert (away > 2.5).sum() > 300 and guessed[away > 2.5].mean() > 0.95
 
 
-def guessed_and_away(scene: MeshScene, views: list[ibr.DepthImage], camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def guessed_and_away(
+    views: list[ibr.DepthImage], frame: ibr.Frame, truth: ibr.DepthImage
+) -> tuple[np.ndarray, np.ndarray]:
     """For every seventh pixel, whether it is guessed, and the distance of its true point from the nearest sample.
 
     Distances are in units of the samples' distance. A point that a view saw is at most 0.7 of it away from a sample if
     the surface faces the view, and at most 1.4 if it is turned by 60 degrees.
     """
-    frame, truth = ibr.render(ibr.DepthMeshObject(views), camera), scene.capture(camera)
     both = frame.valid & truth.valid
     samples = np.concatenate([points_of(view, view.valid) for view in views])
     spacing = float(np.median([view.depth[view.valid].mean() / view.camera.K[0, 0] for view in views]))
-    away = np.array([np.linalg.norm(samples - point, axis=1).min() for point in points_of(truth, both)[::7]])
-    return told(frame)[both][::7], away / spacing
+    points, known = (
+        o3d.geometry.PointCloud(o3d.utility.Vector3dVector(some)) for some in (points_of(truth, both)[::7], samples)
+    )
+    return told(frame)[both][::7], np.array(points.compute_point_cloud_distance(known)) / spacing
 
 
 def points_of(view: ibr.DepthImage, pixels: np.ndarray) -> np.ndarray:
@@ -93,8 +103,7 @@ def points_of(view: ibr.DepthImage, pixels: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_what_is_not_guessed_measures_better(name):
-    scene, views, camera = drawn(name)
-    frame, truth = ibr.render(ibr.DepthMeshObject(views), camera), scene.capture(camera)
+    frame, truth = pictured(name)
     both = frame.valid & truth.valid
     off = np.abs(frame.depth - truth.depth) > 0.02 * truth.depth
     assert off[both & ~told(frame)].mean() < 0.2 * off[both & told(frame)].mean()
