@@ -33,10 +33,9 @@ def all_kinds() -> list[tuple[str, ibr.DepthMesh, reference.Tree]]:
         holes = 0.03 * (number % 2)
         views[f"{size} {projection} {holes}"] = rough(np.random.default_rng(number), size, projection, 0.02, holes)
     views["holed"], views["stepped"] = scenes.holed((31, 19)), scenes.stepped((17, 17), "orthographic")
-    things = {
-        f"{name} {errors}": ibr.DepthMesh(view, errors=errors) for name, view in views.items() for errors in ERRORS
-    }
-    return [(name, thing, twin(thing)) for name, thing in things.items()]
+    kinds = [ERRORS[(number + number // len(SIZES)) % 2] for number in range(len(views))]  # both for each size
+    things = [ibr.DepthMesh(view, errors=errors) for view, errors in zip(views.values(), kinds, strict=True)]
+    return [(f"{name} {thing.errors}", thing, twin(thing)) for name, thing in zip(views, things, strict=True)]
 
 
 def twin(thing: ibr.DepthMesh) -> reference.Tree:
@@ -117,7 +116,7 @@ def cameras(view: ibr.DepthImage) -> dict[str, Camera]:
 @pytest.mark.thorough
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_selection_and_triangles(projection):
-    for size, holes in [((7, 13), 0.0), ((33, 33), 0.01), ((40, 21), 0.0)]:
+    for size, holes in [((7, 13), 0.0), ((17, 17), 0.01), ((33, 18), 0.0)]:
         thing = ibr.DepthMesh(rough(np.random.default_rng(2), size, projection, 0.02, holes))
         structure = twin(thing)
         for name, camera in cameras(thing.view).items():
