@@ -59,6 +59,7 @@ def test_held_selections_are_enough():
     check_held_selections(40)
 
 
+@pytest.mark.thorough
 def test_held_selections_are_enough_in_one_lane():
     with one_lane():
         check_held_selections(8)

@@ -40,5 +40,5 @@ def test_sheets_of_several_views():
         np.testing.assert_array_equal(frame.valid, without.valid | frame.guessed)
         same_bits(frame, ibr.render(ibr.DepthMeshObject(views, closed="sheets"), camera))
         np.testing.assert_array_equal(thing.occupancy(camera) > 0, frame.valid)
-        lit = ibr.render(thing, camera, ibr.Light(direction=(0.2, 0.3, -1)))
-        np.testing.assert_array_equal(lit.valid, frame.valid)
+    lit = ibr.render(thing, camera, ibr.Light(direction=(0.2, 0.3, -1)))
+    np.testing.assert_array_equal(lit.valid, frame.valid)
