@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,31 +26,34 @@ TWO = {name: f"{name}(a, b)" for name in ("fmin", "fmax", "min", "max")}
 TWO |= {"fmin, a number": "fmin(a, b.s0)", "clamp": "clamp(a, -fabs(b), fabs(b))", "isnan": "isnan(a) ? b : a"}
 
 
-def values_of(expression: str, type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
-    """Evaluate an expression on vectors of 16: by OpenCL's built-in functions, or by the functions in `header`."""
+def values_of(expressions: Sequence[str], type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
+    """Evaluate each of the expressions with vectors of 16, by OpenCL's built-ins or by the header."""
     session = current()
+    stores = "".join(f"vstore16({each}, {k} * get_global_size(0) + i, out);\n" for k, each in enumerate(expressions))
     with session.call():
         source = f"""{header}
         kernel void k(global const {type_} *all_a, global const {type_} *all_b, global {type_} *out)
         {{
             const size_t i = get_global_id(0);
             const {type_}16 a = vload16(i, all_a), b = vload16(i, all_b);
-            vstore16({expression}, i, out);
+            {stores}
         }}"""
         options = ["-cl-std=CL1.2", "-cl-denorms-are-zero", "-DLANES=16"]
         program = cl.Program(session.context, source).build(options, cache_dir=False)
         flags = cl.mem_flags
         given = [cl.Buffer(session.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=v) for v in (a, b)]
-        out = np.empty_like(a)
+        out = np.empty((len(expressions), a.size), a.dtype)
         result = cl.Buffer(session.context, flags.WRITE_ONLY, out.nbytes)
         program.k(session.queue, (a.size // 16,), None, *given, result)
         cl.enqueue_copy(session.queue, out, result)
     return out
 
 
-def by_both(expression: str, type_: str, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    header = (kernels_folder() / "lib/builtins.h").read_text()
-    return values_of(expression, type_, a, b, header), values_of(expression, type_, a, b, "")
+HEADER = (kernels_folder() / "lib/builtins.h").read_text()
+
+
+def by_both(expressions: Sequence[str], type_: str, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return values_of(expressions, type_, a, b, HEADER), values_of(expressions, type_, a, b, "")
 
 
 def pairs_of(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -58,42 +62,39 @@ def pairs_of(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return a, b
 
 
-@pytest.mark.parametrize("name", [*ONE, *TWO])
-def test_floats_have_the_bits_of_the_built_ins(name):
+@pytest.mark.parametrize("numbers", [False, True])
+def test_floats_have_the_bits_of_the_built_ins(numbers):
     a, b = pairs_of(FLOATS)
-    if name in ("min", "max", "clamp"):  # undefined for NaN in OpenCL
+    names = [name for name in (*ONE, *TWO) if (name in ("min", "max", "clamp")) == numbers]
+    if numbers:  # undefined for NaN in OpenCL
         known = ~np.isnan(a) & ~np.isnan(b)
         a, b = np.where(known, a, 0).astype(np.float32), np.where(known, b, 1).astype(np.float32)
-    ours, own = by_both({**ONE, **TWO}[name], "float", a, b)
-    np.testing.assert_array_equal(np.isnan(ours), np.isnan(own))
-    there = ~np.isnan(own)
-    # OpenCL leaves open whether min and max return 0 or -0, which compare equal, so either is right.
-    bits = [np.where(v == 0, 0, v.view(np.int32)) for v in (ours, own)] if name in TWO else [ours, own]
-    np.testing.assert_array_equal(bits[0][there], bits[1][there])
+    for name, ours, own in zip(names, *by_both([{**ONE, **TWO}[name] for name in names], "float", a, b), strict=True):
+        np.testing.assert_array_equal(np.isnan(ours), np.isnan(own), name)
+        there = ~np.isnan(own)
+        # OpenCL does not define the order of 0 and -0. They compare equal, so either is right.
+        bits = [np.where(v == 0, 0, v.view(np.int32)) for v in (ours, own)] if name in TWO else [ours, own]
+        np.testing.assert_array_equal(bits[0][there], bits[1][there], name)
 
 
 def test_clamp_makes_the_least_of_nans():
     """The result may become an index, so it must not be NaN."""
     a, b = pairs_of(FLOATS)
-    ours, _ = by_both("clamp(a, -2.0f, 5.0f)", "float", a, b)
+    (ours,) = values_of(["clamp(a, -2.0f, 5.0f)"], "float", a, b, HEADER)
     np.testing.assert_array_equal(ours, np.where(np.isnan(a), -2, a.clip(-2, 5)))
 
 
-@pytest.mark.parametrize("expression", ["min(a, b)", "max(a, b)", "min(a, b.s0)", "clamp(a, min(b, 0), max(b, 0))"])
-def test_ints_are_those_of_the_built_ins(expression):
-    np.testing.assert_array_equal(*by_both(expression, "int", *pairs_of(INTS)))
+def test_ints_are_those_of_the_built_ins():
+    expressions = ["min(a, b)", "max(a, b)", "min(a, b.s0)", "clamp(a, min(b, 0), max(b, 0))"]
+    np.testing.assert_array_equal(*by_both(expressions, "int", *pairs_of(INTS)))
 
 
-@pytest.mark.parametrize(
-    "expression",
-    [
+def test_loads_are_those_of_the_built_ins():
+    expressions = [
         "(float16)(vload4(i, all_a), vload2(i, all_a), vload2(3, all_a + 1), vload8(i, all_a + 3))",
         "(float16)(vload3(i, all_a), vload3(1, all_a + 1), vload8(0, all_b), vload2(0, all_b))",
-    ],
-)
-def test_loads_are_those_of_the_built_ins(expression):
-    a, b = pairs_of(FLOATS)
-    ours, own = by_both(expression, "float", a, b)
+    ]
+    ours, own = by_both(expressions, "float", *pairs_of(FLOATS))
     assert ours.tobytes() == own.tobytes()
 
 
