@@ -8,6 +8,8 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,19 @@ SOURCES = sorted(
     path for room in ("pyibr", "tests", "benchmarks", "docs", "tools") for path in (ROOT / room).rglob("*.py")
 )
 HEAVY = ("pyopencl", "cv2", "open3d", "OpenEXR", "matplotlib", "PIL", "rich", "typer", "viser", "yaml")
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+def statements_in(node: ast.AST) -> Iterator[ast.AST]:
+    """All nodes below this one, except expressions."""
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.expr):
+            yield child
+            yield from statements_in(child)
 
 
 def test_importing_all_modules_loads_nothing_heavy():
@@ -66,36 +81,32 @@ print(later <= {*dir(ibr)}, all(hasattr(ibr, name) for name in {*ibr.__all__, *l
         pyibr.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_own_modules_are_imported_at_the_top(path):
-    tree = ast.parse(path.read_text())
-    run = [node for node in tree.body if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")]
-    below = [node for outer in run for node in ast.walk(outer) if node is not outer]
-    local = [
-        node.module for node in below if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pyibr")
-    ]
-    assert not local
+def test_own_modules_are_imported_at_the_top():
+    for path in MODULES:
+        for outer in tree_of(path).body:
+            if isinstance(outer, ast.If) and ast.unparse(outer.test) == "TYPE_CHECKING":
+                continue
+            below = [node.module or "" for node in statements_in(outer) if isinstance(node, ast.ImportFrom)]
+            assert not [name for name in below if name.startswith("pyibr")], path
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_functions_are_short(path):
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            text = ast.get_docstring(node, clean=False)
-            lines = node.end_lineno - node.lineno + 1 - (text.count("\n") + 1 if text else 0)
-            assert lines <= 60, f"{node.name}: {lines} lines without its docstring"
+def test_functions_are_short():
+    for path in MODULES:
+        for node in statements_in(tree_of(path)):
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                text = ast.get_docstring(node, clean=False)
+                lines = node.end_lineno - node.lineno + 1 - (text.count("\n") + 1 if text else 0)
+                assert lines <= 60, f"{path}, {node.name}: {lines} lines without its docstring"
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_docstrings_open_with_what_a_thing_is_or_does(path):
+def test_docstrings_open_with_what_a_thing_is_or_does():
     """Docstrings open with a noun or a verb, not with a question word."""
-    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, documented):
-            words = (ast.get_docstring(node) or "").split(maxsplit=1)
-            assert words[:1] not in [[word] for word in ("What", "How", "Where", "Which", "Whether", "Who")], " ".join(
-                words
-            )
+    questions = {"What", "How", "Where", "Which", "Whether", "Who"}
+    for file in SOURCES:
+        for node in (tree_of(file), *statements_in(tree_of(file))):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+                text = ast.get_docstring(node) or ""
+                assert text.split(maxsplit=1)[:1] not in [[word] for word in questions], f"{file}: {text}"
 
 
 def test_rooms_use_kernels_of_their_own_and_of_all():
