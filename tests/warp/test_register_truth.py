@@ -67,6 +67,11 @@ def scene(thin: bool = True) -> Room:
     return room(LARGE + BARS if thin else LARGE)
 
 
+@cache
+def picture(one: ibr.Camera, thin: bool = True) -> ibr.DepthImage:
+    return scene(thin).pictures.capture(one)
+
+
 def camera(size: tuple[int, int], focal: float, lens: ibr.Lens | None = None, pose: np.ndarray | None = None):
     K = [[focal, 0, size[0] / 2 - 2.3], [0, 1.01 * focal, size[1] / 2 + 1.6], [0, 0, 1]]
     return ibr.Camera(K, size, pose, lens=lens)
@@ -111,7 +116,7 @@ def pixels_of(one: ibr.Camera) -> np.ndarray:
 
 def measured(one: ibr.Camera, noise: float = 0.0, dropped: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """True depth, and depth with noise of `noise` pixels of disparity, without the fraction `dropped` of samples."""
-    depth = scene().pictures.capture(one).depth
+    depth = picture(one).depth
     rng, focal = np.random.default_rng(7), one.K[0, 0]
     made = depth.copy()
     if noise:
@@ -146,7 +151,7 @@ def seen_in_color(depth_camera: ibr.Camera, color_camera: ibr.Camera) -> tuple[n
 
     Certain pixels are more than two pixels of the coarser camera away from silhouettes and from unseen pixels.
     """
-    depth = scene().pictures.capture(color_camera).depth
+    depth = picture(color_camera).depth
     points = color_camera.unproject(pixels_of(color_camera), depth.ravel())
     back = depth_camera.project(points)[0]
     inside = ((back > 1) & (back < np.array(depth_camera.size) - 2)).all(axis=1)
@@ -187,7 +192,7 @@ def test_thin_things_are_there(rig):
     """On bars one to five samples wide, at least as many pixels seen by both cameras are right as with OpenCV."""
     cameras = NARROW[rig]
     truth, seen, _ = seen_in_color(*cameras)
-    behind = scene(thin=False).pictures.capture(cameras[1]).depth
+    behind = picture(cameras[1], thin=False).depth
     bars = seen & (truth < 0.99 * behind)
     assert bars.sum() > 200
     found = ibr.register(measured(cameras[0])[1], *cameras)
@@ -204,7 +209,7 @@ def test_thin_things_are_there(rig):
 
 
 def colored(cameras: tuple[ibr.Camera, ibr.Camera], depth: np.ndarray) -> ibr.RegisteredColor:
-    return ibr.register_color(depth, *cameras, scene().pictures.capture(cameras[1]).color)
+    return ibr.register_color(depth, *cameras, picture(cameras[1]).color)
 
 
 @cache
@@ -275,9 +280,9 @@ def test_colours_are_of_the_own_surface():
     """No sample of the wall gets the red of the bars in front of it, and no sample of a bar gets the wall's blue."""
     cameras = NARROW["beside"]
     depth, _ = measured(cameras[0])
-    behind = scene(thin=False).pictures.capture(cameras[0]).depth
-    there, color = scene().pictures.capture(cameras[1]), np.zeros((233, 301, 3), np.uint8)
-    bars_there = there.depth < 0.99 * scene(thin=False).pictures.capture(cameras[1]).depth
+    behind = picture(cameras[0], thin=False).depth
+    there, color = picture(cameras[1]), np.zeros((233, 301, 3), np.uint8)
+    bars_there = there.depth < 0.99 * picture(cameras[1], thin=False).depth
     color[...] = np.where(bars_there[..., None], (255, 0, 0), (0, 0, 255))
     found = ibr.register_color(depth, *cameras, color)
     pixels = cameras[1].project(cameras[0].unproject(pixels_of(cameras[0]), depth.ravel()))[0]
@@ -304,11 +309,11 @@ def test_colours_come_from_where_opencv_sees_the_samples(model):
         "kannala_brandt": [0.02, -0.01, 0.002, 0],
     }
     lens = ibr.Lens(model, numbers[model]) if model != "none" else None
-    depth_camera = camera((307, 229), 252, BARREL)
-    there = camera((411, 333), 200, lens, posed(0.05, 0.003, -0.004))
-    depth = (2 + 0.5 * np.sin(np.arange(307) / 90) + np.zeros((229, 1))).astype(np.float32)
+    depth_camera = camera((153, 115), 126, BARREL)
+    there = camera((205, 167), 100, lens, posed(0.05, 0.003, -0.004))
+    depth = (2 + 0.5 * np.sin(np.arange(153) / 45) + np.zeros((115, 1))).astype(np.float32)
     x, y = np.meshgrid(*map(np.arange, there.size))
-    places = np.stack([x / 411, y / 333, 0 * x], axis=-1).astype(np.float32)
+    places = np.stack([x / 205, y / 167, 0 * x], axis=-1).astype(np.float32)
     found = ibr.register_color(depth, depth_camera, there, places)
     points = depth_camera.unproject(pixels_of(depth_camera), depth.ravel())
     local = points @ there.camera_from_world[:3, :3].T + there.camera_from_world[:3, 3]
