@@ -27,7 +27,7 @@ WITH_EPIPOLES: list[tuple[Projection, Projection]] = [  # (two orthographic came
 ]
 SCENES = ("smooth", "stepped")
 PLACES = (*scenes.REGIONS, "special")  # special: identity, rotation alone, epipoles at infinity
-SOURCE, TARGET = (256, 192), (240, 200)
+SOURCE, TARGET = (160, 120), (150, 125)
 
 DEPTH = 1e-3  # relative: the promised precision of the warp for linear samples
 ROUNDING = 1e-5  # relative: float32 depth after a few dozen operations on pixels up to 256
