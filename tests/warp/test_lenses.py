@@ -230,6 +230,7 @@ def test_lenses_whose_rays_find_no_memory_say_so(monkeypatch, seen_by):
             ibr.warp(view, lens)
 
 
+@pytest.mark.thorough
 def test_float_colors_through_lenses():
     view = with_lens(scenes.smooth(SOURCE), "barrel")
     in_float = ibr.DepthImage((view.color / np.float32(255)).astype(np.float32), view.depth, view.camera)
@@ -239,6 +240,7 @@ def test_float_colors_through_lenses():
     np.testing.assert_array_equal(floats.depth, bytes_.depth)
 
 
+@pytest.mark.thorough
 def test_depth_alone_through_lenses():
     view = with_lens(scenes.stepped(SOURCE), "barrel")
     camera = target(view, "fisheye", POSES["turned"])
