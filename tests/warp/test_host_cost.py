@@ -70,7 +70,7 @@ def test_a_small_mesh_is_few_calls():
         ((0.2, 0.0, 0.0), ["epipolar_sweep", "draw_patches", "resolve"]),
     ],
 )
-@pytest.mark.parametrize("lanes", ["wide", "one"])
+@pytest.mark.parametrize("lanes", ["wide", pytest.param("one", marks=pytest.mark.thorough)])
 def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytest.MonkeyPatch):
     skip_where_unused(16 if lanes == "wide" else 1)
     view = scenes.smooth(_SIZE)

@@ -109,8 +109,8 @@ def test_whichever_side_is_shown(scene, side):
     assert wrong.mean() <= LIMIT, f"{wrong.sum()} pixels: {np.argwhere(wrong)[:10].tolist()}"
 
 
-@pytest.mark.parametrize("move", MOVES)
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.thorough
+@pytest.mark.parametrize(("scene", "move"), zip(SCENES, MOVES, strict=True))
 def test_one_lane_sees_what_sixteen_see(scene, move):
     view, there = scene_of(scene, "perspective"), camera("perspective").moved(*MOVES[move])
     options: dict[str, Any] = {"cut_ratio": 1.05} if scene == "grains" else {"edges": "connect"}

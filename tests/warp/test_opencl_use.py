@@ -82,8 +82,16 @@ def frames(place: str, source: Projection) -> list[ibr.Frame]:
     return [*made, ibr.warp([view, scenes.smooth((61, 37), source)], first, fill="background")]
 
 
-@pytest.mark.parametrize("source", ["perspective", "orthographic"])
-@pytest.mark.parametrize("place", ["A", "E", "F", "special"])
+@pytest.mark.parametrize(
+    ("place", "source"),
+    [
+        ("E", "perspective"),
+        pytest.param("A", "orthographic", marks=pytest.mark.thorough),
+        pytest.param("F", "perspective", marks=pytest.mark.thorough),
+        pytest.param("special", "perspective", marks=pytest.mark.thorough),
+        pytest.param("special", "orthographic", marks=pytest.mark.thorough),
+    ],
+)
 def test_one_lane_is_as_good_as_sixteen(place, source):
     expected = frames(place, source)
     with one_lane():
