@@ -22,7 +22,7 @@ from tests.reference.fill import HALO, behind_reference, edges_of, fill_referenc
 
 Epipole = tuple[float, float, float]
 
-SIZES: tuple[scenes.Size, ...] = ((1, 1), (7, 13), (61, 37), (1, 60), (60, 1), (131, 101))
+SIZES: tuple[scenes.Size, ...] = ((1, 1), (7, 13), (61, 37), (1, 60), (60, 1), (97, 75))
 MASKS = ("dots", "patches", "few valid", "half", "no hole", "all holes")
 DTYPES = (np.uint8, np.float32)
 STRAIGHT: dict[str, Epipole] = {
@@ -164,7 +164,7 @@ def test_depth_is_filled_alike_without_colours(way, lanes):
     np.testing.assert_array_equal(alone, filled(target_of(color, depth, valid), epipole)[1])
 
 
-@pytest.mark.parametrize("width", [160, 640, 1280])
+@pytest.mark.parametrize("width", [160, 960])
 def test_the_foreground_leaves_no_trace_at_any_resolution(width):
     height = width * 3 // 4
     camera = Camera([[0.8 * width, 0, width / 2], [0, 0.8 * width, height / 2], [0, 0, 1]], (width, height))
@@ -220,7 +220,7 @@ def near_walls(width: int, ratio: float, hole: float, slope: float) -> tuple[ibr
 
 @pytest.mark.parametrize("ratio", RATIOS)
 @pytest.mark.parametrize(("hole", "slope"), [(0.1, 0.0), (0.012, 0.0), (0.012, 0.05), (0.012, -0.05)])
-@pytest.mark.parametrize("width", [160, 480, 1280])
+@pytest.mark.parametrize("width", [160, 480, 960])
 def test_holes_show_what_was_hidden_however_close_it_is_behind(width, hole, slope, ratio, lanes):
     """Holes narrow enough show the wall at any of these slopes; wide holes show it if the wall is flat."""
     view, camera, truth = near_walls(width, ratio, hole, slope)
@@ -359,7 +359,7 @@ def test_inpainting_continues_what_is_around(mask, dtype):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_inpainting_asks_for_no_unit(projection):
     """Depth in metres or millimetres, and colours bright or dark, in floats or bytes, give the same picture."""
-    color, depth, valid = images((131, 101), "patches", np.uint8)
+    color, depth, valid = images((97, 75), "patches", np.uint8)
     bright = color.astype(np.float32) / np.float32(255)
     colors, depths = [], []
     for unit, given in ((1, bright), (1000, bright / 8), (1, color)):

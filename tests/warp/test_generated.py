@@ -154,7 +154,7 @@ def differing_by_a_pixel(case: Case) -> np.ndarray:
 
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
-@pytest.mark.parametrize("first", range(1000, 1600, 50))
+@pytest.mark.parametrize("first", range(1000, 1300, 50))
 def test_epipolar_sees_what_search_sees(first):
     for seed in range(first, first + 50):
         case = make_case(seed)
@@ -179,7 +179,7 @@ def test_warps_that_were_wrong(seed):
 
 
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(8))
 def test_search_sees_what_its_reference_sees(seed):
     case = make_case(seed, least=9, most=(31, 27))
     options = options_of(case)

@@ -5,7 +5,6 @@ The data is not part of the project. Its folder is named by ``$PYIBR_DATA``, or 
 
 from __future__ import annotations
 
-import itertools
 from functools import cache
 from pathlib import Path
 
@@ -26,6 +25,7 @@ pytestmark = pytest.mark.thorough
 # --- a room, rendered with noise-free depth in whole millimetres --------------------------------------
 
 
+@cache
 def room(number: int) -> ibr.DepthImage:
     here = shared("rgbd_livingroom1")
     poses = np.loadtxt(here / "poses_gt_cam_to_frame0.txt")
@@ -103,10 +103,10 @@ def filled_error(view: ibr.DepthImage, camera: Camera, truth: np.ndarray) -> tup
     return own, min(others)
 
 
-FRAMES = (0, 1, 2, 3, 4, 50)
+PAIRS = ((0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (0, 50), (3, 50), (50, 1), (50, 4))
 
 
-@pytest.mark.parametrize(("source", "target"), list(itertools.permutations(FRAMES, 2)))
+@pytest.mark.parametrize(("source", "target"), PAIRS)
 def test_filled_holes_of_the_room_look_like_what_was_hidden(source, target):
     b = room(target)
     error, inpainted = filled_error(room(source), b.camera, b.color)
