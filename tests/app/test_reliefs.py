@@ -19,10 +19,10 @@ def folder(tmp_path: Path) -> Path:
     corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
     ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv).save(tmp_path / "square.obj")
     ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]]).save(tmp_path / "bare.ply")
-    y, x = np.mgrid[:17, :23]
+    y, x = np.mgrid[:16, :32]
     bumps = (127 + 120 * np.sin(x / 3) * np.cos(y / 4)).astype(np.uint8)
     ibr.write_color(tmp_path / "bumps.png", np.repeat(bumps[..., None], 3, axis=2))
-    ibr.write_color(tmp_path / "paint.png", np.dstack([9 * x, 12 * y, 0 * x + 90]).astype(np.uint8))
+    ibr.write_color(tmp_path / "paint.png", np.dstack([8 * x, 12 * y, 0 * x + 90]).astype(np.uint8))
     CAMERA.save(tmp_path / "camera.json")
     return tmp_path
 

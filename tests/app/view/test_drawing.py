@@ -24,13 +24,13 @@ CAMERA = ibr.Camera.look_at((1.5, -1.2, 3), (0, 0, 0), (0, -1, 0), (83, 61), fov
 
 @cache
 def views() -> list[ibr.DepthImage]:
-    return object_views(models.donut(24), 96, projection="perspective")
+    return object_views(models.donut(24), 64, projection="perspective")
 
 
 @cache
 def relief() -> ibr.ReliefSurface:
-    height = np.random.default_rng(0).random((17, 13)).astype(np.float32)
-    return ibr.ReliefSurface(models.donut(12), height, np.full((5, 7, 3), 200, np.uint8), 0.1)
+    height = np.random.default_rng(0).integers(0, 256, (16, 8), np.uint8)
+    return ibr.ReliefSurface(models.donut(12), height, np.full((4, 8, 3), 200, np.uint8), 0.1)
 
 
 # ---- methods
@@ -74,7 +74,9 @@ def test_every_option_of_the_warp_is_a_control(name):
     """From close by, a wire one sample wide is as wide as its samples with `thin`, by the control as by the call."""
     depth = np.full((48, 64), 4.0, np.float32)
     depth[20, 10:50] = 2.0
-    wire = ibr.DepthImage(None, depth, ibr.Camera([[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]], (64, 48)))
+    wire = ibr.DepthImage(
+        np.zeros((48, 64, 3), np.uint8), depth, ibr.Camera([[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1]], (64, 48))
+    )
     closer = ibr.Camera([[400, 0, 127.5], [0, 400, 95.5], [0, 0, 1]], (256, 192))
     method = methods_of(wire)[name]
     assert set(method.parameters) | set(method.fixed) == {option.name for option in OPTIONS}
