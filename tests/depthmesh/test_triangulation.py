@@ -179,7 +179,10 @@ def test_simplify_gives_fewer_triangles_than_errors_that_bound():
 
 
 def errors_in_pixels(fine: ibr.Mesh, coarse: ibr.Mesh, camera: Camera) -> np.ndarray:
-    """Distances of points of either mesh, seen by every third pixel, from the other mesh, in pixels; no outlines."""
+    """Distances between two meshes, in pixels: from points that pixels see on one mesh to the other, both ways.
+
+    Every third pixel counts. Pixels that see one mesh alone, at outlines, are left out.
+    """
     rays, scenes_of = rays_of(camera)[::3], (embree(fine), embree(coarse))
     t = [scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy().astype(np.float64) for scene in scenes_of]
     both = np.isfinite(t[0]) & np.isfinite(t[1])
