@@ -1,4 +1,4 @@
-"""A thousand random calls; `make fuzz` makes many more.
+"""Random calls keep the law; `make fuzz` makes many more.
 
 They run in separate processes, so that a crash or an endless kernel is also reported with its seed.
 """
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
     ("kind", "first", "count"),
     [
         ("warp", 0, 450),
-        ("render", 0, 75),  # each call builds kernels that the other kinds do not use
+        ("render", 0, 75),  # few, because each call builds kernels that no other call uses
         ("register", 0, 250),
         ("clean", 0, 100),
         ("rays", 0, 150),

@@ -1,4 +1,4 @@
-"""A hundred damages of each specimen: each file is refused, or read correctly, or plausibly if undetectable.
+"""Damages each specimen in a hundred ways, and checks how it is read.
 
 A damaged file must be refused or read as if whole. If its format cannot detect damage, values must at least be valid.
 Some readers might crash the interpreter: for them, this module is run as a program, with a folder and names of

@@ -27,7 +27,7 @@ TWO |= {"fmin, a number": "fmin(a, b.s0)", "clamp": "clamp(a, -fabs(b), fabs(b))
 
 
 def values_of(expressions: Sequence[str], type_: str, a: np.ndarray, b: np.ndarray, header: str) -> np.ndarray:
-    """Evaluate each of the expressions with vectors of 16, by OpenCL's built-ins or by the header."""
+    """Evaluate expressions on vectors of 16: by OpenCL's built-in functions, or by the functions in `header`."""
     session = current()
     stores = "".join(f"vstore16({each}, {k} * get_global_size(0) + i, out);\n" for k, each in enumerate(expressions))
     with session.call():
@@ -72,7 +72,7 @@ def test_floats_have_the_bits_of_the_built_ins(numbers):
     for name, ours, own in zip(names, *by_both([{**ONE, **TWO}[name] for name in names], "float", a, b), strict=True):
         np.testing.assert_array_equal(np.isnan(ours), np.isnan(own), name)
         there = ~np.isnan(own)
-        # OpenCL does not define the order of 0 and -0. They compare equal, so either is right.
+        # OpenCL leaves open whether min and max return 0 or -0, which compare equal, so either is right.
         bits = [np.where(v == 0, 0, v.view(np.int32)) for v in (ours, own)] if name in TWO else [ours, own]
         np.testing.assert_array_equal(bits[0][there], bits[1][there], name)
 
