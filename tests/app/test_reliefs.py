@@ -32,23 +32,27 @@ def run(folder: Path, command: str, *words: object, output: str = "new.png"):
     return commands.run(command, *commands.places(folder, words), "-o", folder / output)
 
 
+SLICES = "slices", ibr.SlicedSurface, ("--slices", 40), {"slices": 40}
+
+
 @pytest.mark.parametrize(
-    ("command", "kind", "words", "how"),
+    ("command", "kind", "words", "how", "lit"),
     [
-        ("relief", ibr.ReliefSurface, (), {}),
-        ("slices", ibr.SlicedSurface, ("--slices", 40), {"slices": 40}),
+        ("relief", ibr.ReliefSurface, (), {}, True),
+        (*SLICES, False),
+        pytest.param(*SLICES, True, marks=pytest.mark.thorough),
     ],
 )
-def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how):
+def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how, lit):
     """--light and --lamp are in the camera's axes; with --deep, black is high."""
-    light = "--light", 1, 1, 2, "--ambient", 0.1, "--anisotropy", 8
-    maps = "--color", "paint.png", "--scale", 0.1, "--tiles", 2, 1, "--deep"
-    result = run(folder, command, "square.obj", "bumps.png", *maps, *light, *words, "--to", "camera.json")
+    words = (*words, "--light", 1, 1, 2, "--ambient", 0.1) if lit else words
+    maps = "--color", "paint.png", "--scale", 0.1, "--tiles", 2, 1, "--deep", "--anisotropy", 8
+    result = run(folder, command, "square.obj", "bumps.png", *maps, *words, "--to", "camera.json")
     assert result.exit_code == 0, result.output
     bumps, paint = ibr.read_color(folder / "bumps.png")[..., 0], ibr.read_color(folder / "paint.png")
     surface = kind(ibr.Mesh.load(folder / "square.obj"), 255 - bumps, paint, 0.1, tiles=(2, 1), **how)
-    goes = CAMERA.world_from_camera[:3, :3] @ (1, 1, 2)
-    expected = ibr.render(surface, CAMERA, ibr.Light(direction=goes, ambient=0.1, shadow_size=2048), anisotropy=8)
+    light = ibr.Light(direction=CAMERA.world_from_camera[:3, :3] @ (1, 1, 2), ambient=0.1, shadow_size=2048)
+    expected = ibr.render(surface, CAMERA, light if lit else None, anisotropy=8)
     np.testing.assert_array_equal(ibr.read_color(folder / "new.png"), expected.color)
     assert f"new.png: 41x33, {expected.valid.mean():.1%} covered" in result.stdout
 
