@@ -149,7 +149,7 @@ class Tree:
         return found
 
     def drawn_at(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
-        """Where a vertex is drawn, (3,): pixel x and y, and nearness; for border samples, half a pixel outside.
+        """Place where a vertex is drawn, (3,): pixel x and y, and nearness; for border samples, half a pixel outside.
 
         The nearness continues the line from inside through the border sample.
         """
