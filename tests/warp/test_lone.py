@@ -110,7 +110,7 @@ def test_whichever_side_is_shown(scene, side):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("scene", "move"), zip(SCENES, MOVES, strict=True))
+@pytest.mark.parametrize(("scene", "move"), [*zip(SCENES, MOVES, strict=True)])
 def test_one_lane_sees_what_sixteen_see(scene, move):
     view, there = scene_of(scene, "perspective"), camera("perspective").moved(*MOVES[move])
     options: dict[str, Any] = {"cut_ratio": 1.05} if scene == "grains" else {"edges": "connect"}
