@@ -40,7 +40,7 @@ def strips(*corners: np.ndarray, wall: bool = True) -> MeshScene:
     return MeshScene(np.concatenate(corners), faces, colors=colors)
 
 
-def magnified(zoom: int, move=(0, 0, 0), size=(160, 124)) -> ibr.Camera:
+def magnified(zoom: int, move=(0, 0, 0), size=(244, 188)) -> ibr.Camera:
     """The moved camera, with `zoom` pixels per sample, and with the scene still in the middle of the image."""
     size = min(SIZE[0] * zoom, size[0]), min(SIZE[1] * zoom, size[1])
     middle = (np.array(size) - 1) / 2 + 0.5 * FOCAL * zoom * np.array(move[:2])
