@@ -111,7 +111,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
         return at(torn.right, dx, dy) | at(torn.below, dx, dy) | at(torn.diagonal, dx, dy)
 
     def upper(dx: int, dy: int) -> Array:
-        """Whether the upper triangle is open in the cell whose upper left sample is at (dx, dy); `lower` likewise."""
+        """True if the upper triangle is open in the cell whose upper left sample is at (dx, dy); `lower` likewise."""
         return at(torn.right, dx, dy + 1) | at(torn.below, dx + 1, dy) | at(torn.diagonal, dx, dy)
 
     open_parts = {

@@ -83,7 +83,7 @@ def test_bytes_and_floats_are_one_map():
 
 
 def test_triangles_whose_uv_has_no_area_show_one_height():
-    """Where uv is constant, so is the height: the relief is a plane at the depth of one texel."""
+    """Constant uv gives a constant height: the relief is a plane at the depth of one texel."""
     mesh = square()
     still = ibr.Mesh(mesh.vertices, mesh.faces, uv=np.full((4, 2), 0.5))
     height = np.full((4, 4), 0.25, np.float32)

@@ -144,7 +144,7 @@ def test_cliffs_flicker_no_more_than_with_256_slices(slicing, size, steps):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("slicing", "size"), [("orthogonal", (320, 240)), ("screen", (240, 180))])
 def test_objects_flicker_no_more_than_with_256_slices(slicing, size):
-    """Where a pixel is wider than the distance between 256 slices, fewer slices are drawn, but flicker is no worse."""
+    """If a pixel is wider than the distance between 256 slices, fewer slices are drawn, but flicker is no worse."""
     scene, views = dragon()
     turns = np.arange(4) * 2 * np.pi / 120
     cams = [looking(scene, (np.cos(turn), 0.3, np.sin(turn)), size) for turn in turns]

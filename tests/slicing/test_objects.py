@@ -30,7 +30,7 @@ FRONT = (0.5, 0.4, 1)
 
 
 def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
-    """How far each pixel's ray moves perpendicularly to the slices while its depth grows by 1."""
+    """Distance that each pixel's ray moves perpendicularly to the slices while its depth grows by 1."""
     if thing.slicing == "screen":
         return 1.0
     y, x = np.mgrid[: camera.height, : camera.width]

@@ -115,7 +115,7 @@ def test_slices_of_the_surface_are_seen_through_from_the_side():
 
 @pytest.mark.parametrize("slicing", ["surface", "orthogonal", "screen"])
 def test_the_alpha_test_at_height_0(slicing):
-    """Where the height is 0, the test `inside` shows nothing, and `at_least` shows the base."""
+    """At height 0, the test `inside` shows nothing, and `at_least` shows the base."""
     height = heights()
     height[:, :16] = 0
     cam = camera(90, 90, (64, 64))

@@ -82,7 +82,7 @@ def test_both_pieces_of_a_step_are_met(seed):
 
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 def test_nothing_is_traced_amid_a_side_that_is_not_shown():
-    """Where only the other side is seen, `resolve` traces few rays: they would find nothing and take long."""
+    """If only the other side is seen, `resolve` traces few rays: they would find nothing and take long."""
     view = scenes.smooth((96, 128))
     with counted_samples() as visited:
         frame = ibr.warp(view, view.camera.moved(0.3, 0.2, 0.4), edges="cut", side="back")
