@@ -172,7 +172,7 @@ def _triangles(tree: Tree, error: float) -> tuple[NDArray[Any], NDArray[Any]]:
 def hierarchy(tree: Tree) -> Any:
     """Compute a tree's normals, errors and spheres at once, instead of on first use."""
     _, known = tree.normals, tree.errors
-    return known.errors.to_host()  # waits until all are computed
+    return known["errors"].to_host()  # waits until all are computed
 
 
 def _ours(surface: Surface, parameters: dict[str, Parameter], repeats: int, module: Any) -> Work:

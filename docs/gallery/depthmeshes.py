@@ -96,7 +96,7 @@ def _prepared(row: np.ndarray, mesh: ibr.DepthMesh, camera: ibr.Camera) -> None:
     view, tree = mesh.view, mesh.tree
     height, width = view.valid.shape
     show(row[0], _gray(view.depth), "a view's depth")
-    errors = tree.errors.errors.to_host()[:height, :width]
+    errors = tree.errors["errors"].to_host()[:height, :width]
     show(row[1], plt.get_cmap("magma_r")(np.log10(np.maximum(errors, 1e-4) / 1e-4) / 5), "error of each vertex")
     upper, lower = tree.drawn_cells()
     drawn = upper & lower & view.valid[1:, 1:]

@@ -87,6 +87,18 @@ intl is_free(const FreeSpace *space, global const float *depths, int nearest, fl
     return free;
 }
 
+/* Bisects the steps from depths in free space to depths that are not free, on the rays in `which`. */
+INLINED void bisect_to_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
+                            intl which, floatl *in_free, floatl *beyond)
+{
+    for (int k = 0; k < HALVINGS && any_lane(which); k++) {
+        const floatl middle = 0.5f * (*in_free + *beyond);
+        const intl free = is_free(space, depths, nearest, x, y, middle, which);
+        *in_free = select_lanes(which & free, middle, *in_free);
+        *beyond = select_lanes(which & !free, middle, *beyond);
+    }
+}
+
 /* Returns which `active` rays left free space at least a step in front of `depth`, where space is not free. Sets in
  * `entry` the depth at which they left free space. */
 INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
@@ -103,12 +115,7 @@ INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl dept
         entered = entered | (walking & free & (inside < depth));
         walking = walking & !free;
     }
-    for (int k = 0; k < HALVINGS && any_lane(entered); k++) {
-        const floatl middle = 0.5f * (inside + outside);
-        const intl free = is_free(space, space->cell_free_depths, 0, x, y, middle, entered);
-        outside = select_lanes(entered & free, middle, outside);
-        inside = select_lanes(entered & !free, middle, inside);
-    }
+    bisect_to_free(space, space->cell_free_depths, 0, x, y, entered, &outside, &inside);
     *entry = inside;
     return entered;
 }
@@ -164,12 +171,7 @@ static intl leaves_free_space(const FreeSpace *space, global const float *depths
         left = left | (walking & !free);
         walking = walking & free;
     }
-    for (int k = 0; k < HALVINGS && any_lane(left); k++) {
-        const floatl middle = 0.5f * (before + beyond);
-        const intl free = is_free(space, depths, nearest, x, y, middle, left);
-        before = select_lanes(left & free, middle, before);
-        beyond = select_lanes(left & !free, middle, beyond);
-    }
+    bisect_to_free(space, depths, nearest, x, y, left, &before, &beyond);
     *exit = beyond;
     return left;
 }

@@ -20,6 +20,10 @@
  */
 #include "depthmesh/tree.h"
 
+#define ERRORS_PARAMETERS                                                                                      \
+    global const float *nearness, global const float *placed, global const uchar *states,                     \
+        global float *errors, global float *radii, global float *depths, Layout layout, int largest
+#define TREE_VALUE {nearness, placed, states, errors, radii, depths, largest}
 #define CUT_ERROR 4.0f
 #define UNSEEN 0.75f /* standard deviations: errors that noise may still cause after denoising (smooth.cl) */
 #define MARGIN 0.01f /* samples by which spheres extend beyond their children's: more than the rounding error */
@@ -132,21 +136,14 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* The excess of errors over the noise at a depth */
-floatl beyond_noise(const Layout *layout, floatl error, floatl depth)
-{
-    const float *of = layout->noise;
-    return fmax(error - UNSEEN * ((of[0] * depth + of[1]) * depth + of[2]), (floatl)0.0f);
-}
-
-/* Joins the vertices' own errors with the errors of their children, unless nothing is drawn. */
+/* Joins the excess of the vertices' own errors over the noise with their children's errors, unless nothing is drawn. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
-    own = beyond_noise(layout, own, v->depth);
+    own = fmax(own - UNSEEN * NOISE_AT(layout->noise, v->depth), (floatl)0.0f);
     const floatl below = fmax(v->error, (floatl)0.0f), joined = tree->largest ? fmax(own, below) : own + below;
     v->error = select_lanes(drawn, fmax(joined, select_lanes(partly, length, (floatl)0.0f)), v->error);
 }
@@ -218,14 +215,12 @@ void store_vertices(const Tree *tree, size_t at, const Vertices *v)
     store_lanes(v->depth, tree->depths + at);
 }
 
-kernel void find_finest_midpoints(global const float *nearness, global const float *placed, global const uchar *states,
-                                  global float *errors, global float *radii, global float *depths, Layout layout,
-                                  int largest)
+kernel void find_finest_midpoints(ERRORS_PARAMETERS)
 {
     const int y = get_global_id(0), across = !(y & 1);
     if (y > layout.side)
         return;
-    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
+    const Tree tree = TREE_VALUE;
     for (int first = 0; first <= layout.side; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, ax = x - across, bx = x + across;
@@ -254,14 +249,12 @@ kernel void find_finest_midpoints(global const float *nearness, global const flo
     }
 }
 
-kernel void find_finest_centers(global const float *nearness, global const float *placed, global const uchar *states,
-                                global float *errors, global float *radii, global float *depths, Layout layout,
-                                int largest)
+kernel void find_finest_centers(ERRORS_PARAMETERS)
 {
     const int y = 2 * get_global_id(0) + 1;
     if (y > layout.side || y >= layout.height)
         return;
-    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
+    const Tree tree = TREE_VALUE;
     const int dx[4] = {0, 1, 0, -1}, dy[4] = {-1, 0, 1, 0}; /* children above, right, below, left */
     for (int first = 0; first < layout.width; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
@@ -303,24 +296,20 @@ kernel void find_finest_centers(global const float *nearness, global const float
     }
 }
 
-kernel void find_errors(global const float *nearness, global const float *placed, global const uchar *states,
-                        global float *errors, global float *radii, global float *depths, Layout layout, int largest,
-                        int s, int centers)
+kernel void find_errors(ERRORS_PARAMETERS, int s, int centers)
 {
     const int y = centers ? s + 2 * s * (int)get_global_id(0) : s * (int)get_global_id(0);
     if (y > layout.side || y - s >= layout.height - 1)
         return;
-    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
+    const Tree tree = TREE_VALUE;
     find_error_row(&layout, &tree, s, y, centers);
 }
 
-kernel void find_coarse_errors(global const float *nearness, global const float *placed, global const uchar *states,
-                               global float *errors, global float *radii, global float *depths, Layout layout,
-                               int largest, int finest)
+kernel void find_coarse_errors(ERRORS_PARAMETERS, int finest)
 {
     if (get_global_id(0) > 0)
         return;
-    const Tree tree = {nearness, placed, states, errors, radii, depths, largest};
+    const Tree tree = TREE_VALUE;
     for (int s = finest; s < layout.side; s *= 2)
         for (int centers = 0; centers < 2; centers++)
             for (int y = centers ? s : 0; y <= layout.side && y - s < layout.height - 1; y += centers ? 2 * s : s)

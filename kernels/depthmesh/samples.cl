@@ -35,16 +35,6 @@ typedef struct {
     float noise[3];    /* a, b, c: depths of one surface may differ by a z z + b z + c at depth z */
 } Segmentation;
 
-/* Largest difference that noise causes between depths of one surface near z; the function: between its nearness
- * values near n */
-#define NOISE_AT(rule, z) (((rule)->noise[0] * (z) + (rule)->noise[1]) * (z) + (rule)->noise[2])
-INLINED floatl noise_of_nearness(const Layout *layout, const Segmentation *rule, floatl n)
-{
-    if (!layout->perspective)
-        return NOISE_AT(rule, -n);
-    return rule->noise[0] + (rule->noise[1] + rule->noise[2] * n) * n; /* the difference of depth, times n n */
-}
-
 #define SPREAD(a, b, c) (fmax(a, fmax(b, c)) - fmin(a, fmin(b, c)))
 
 /* Is the triangle of the points p, q, r with nearness a, b, c a rubber sheet? */
@@ -52,7 +42,7 @@ INLINED intl bridges(const Layout *layout, const Segmentation *rule, Vector p, V
 {
     if (rule->test == TEST_DISPARITY) {
         const floatl nearest = fmax(a, fmax(b, c)), scale = layout->perspective ? nearest : (floatl)rule->extent;
-        return SPREAD(a, b, c) > fmax(rule->gap * scale, noise_of_nearness(layout, rule, nearest));
+        return SPREAD(a, b, c) > fmax(rule->gap * scale, noise_of_nearness(layout, rule->noise, nearest));
     }
     if (rule->test != TEST_ORTHOGONALITY)
         return (intl)(p.z < -INFINITY);
@@ -65,20 +55,10 @@ INLINED intl bridges(const Layout *layout, const Segmentation *rule, Vector p, V
         sight.z = p.z + q.z + r.z;
         scale = sight.z * (1.0f / 3.0f);
     }
-    const floatl noise = NOISE_AT(rule, (p.z + q.z + r.z) * (1.0f / 3.0f)),
+    const floatl noise = NOISE_AT(rule->noise, (p.z + q.z + r.z) * (1.0f / 3.0f)),
                  allowed = fmax(rule->depth_range * scale, noise);
     const floatl along = DOT(sight, normal), sizes = DOT(sight, sight) * DOT(normal, normal);
     return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > allowed);
-}
-
-/* Do neighbouring samples of nearness a and b belong to one surface? before, after: the next samples on both sides. */
-intl connected(const Layout *layout, const Segmentation *rule, floatl before, floatl a, floatl b, floatl after)
-{
-    const floatl step = b - a, scale = layout->perspective ? fmax(fabs(a), fabs(b)) : (floatl)rule->extent;
-    const floatl on = select_lanes(IS_SAMPLE(before), fabs(step - (a - before)), fabs(step));
-    const floatl back = select_lanes(IS_SAMPLE(after), fabs(step - (after - b)), fabs(step));
-    const floatl allowed = fmax(rule->gap * scale, noise_of_nearness(layout, rule, fmax(a, b)));
-    return fmin(fmin(on, back), fabs(step)) <= allowed;
 }
 
 /* Do the sample (x, y) and the next one along x or y belong to one surface? */
@@ -86,12 +66,17 @@ intl is_connected(const Layout *layout, const Segmentation *rule, global const f
                   int dy)
 {
     const intl right = (intl)(layout->width - 1), bottom = (intl)(layout->height - 1), none = (intl)0;
-    const intl x0 = max(x - dx, none), y0 = max(y - dy, none), before = y0 * layout->pitch + x0;
-    const intl a = min(y, bottom) * layout->pitch + min(x, right);
-    const intl b = min(y + dy, bottom) * layout->pitch + min(x + dx, right);
-    const intl after = min(y + 2 * dy, bottom) * layout->pitch + min(x + 2 * dx, right);
-    return connected(layout, rule, (floatl)(gather(nearness, before)), (floatl)(gather(nearness, a)),
-                     (floatl)(gather(nearness, b)), (floatl)(gather(nearness, after)));
+    const intl at_before = max(y - dy, none) * layout->pitch + max(x - dx, none);
+    const intl at_a = min(y, bottom) * layout->pitch + min(x, right);
+    const intl at_b = min(y + dy, bottom) * layout->pitch + min(x + dx, right);
+    const intl at_after = min(y + 2 * dy, bottom) * layout->pitch + min(x + 2 * dx, right);
+    const floatl before = (floatl)(gather(nearness, at_before)), a = (floatl)(gather(nearness, at_a)),
+                 b = (floatl)(gather(nearness, at_b)), after = (floatl)(gather(nearness, at_after));
+    const floatl step = b - a, scale = layout->perspective ? fmax(fabs(a), fabs(b)) : (floatl)rule->extent;
+    const floatl on = select_lanes(IS_SAMPLE(before), fabs(step - (a - before)), fabs(step));
+    const floatl back = select_lanes(IS_SAMPLE(after), fabs(step - (after - b)), fabs(step));
+    const floatl allowed = fmax(rule->gap * scale, noise_of_nearness(layout, rule->noise, fmax(a, b)));
+    return fmin(fmin(on, back), fabs(step)) <= allowed;
 }
 
 kernel void segment(global const float *nearness, global uchar *cells, Layout layout, Segmentation rule)

@@ -52,6 +52,15 @@ typedef struct {
 
 #define IS_SAMPLE(nearness) ((nearness) > 0.5f * NO_SURFACE)
 
+/* Noise a z z + b z + c at depth z; the function: as a difference of nearness near n */
+#define NOISE_AT(of, z) (((of)[0] * (z) + (of)[1]) * (z) + (of)[2])
+INLINED floatl noise_of_nearness(const Layout *layout, const float *of, floatl n)
+{
+    if (!layout->perspective)
+        return NOISE_AT(of, -n);
+    return of[0] + (of[1] + of[2] * n) * n; /* the difference of depth, times n n */
+}
+
 /* The sample (x, y) with depth z, in the frame of the view's camera */
 Vector point_of(const Layout *layout, floatl x, floatl y, floatl z)
 {

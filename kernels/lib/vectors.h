@@ -27,6 +27,20 @@ INLINED Vector minus(Vector a, Vector b)
     return d;
 }
 
+/* a + t b */
+INLINED Vector plus_scaled(Vector a, floatl t, Vector b)
+{
+    const Vector sum = {a.x + t * b.x, a.y + t * b.y, a.z + t * b.z};
+    return sum;
+}
+
+/* s a + t b */
+INLINED Vector combined(floatl s, Vector a, floatl t, Vector b)
+{
+    const Vector sum = {s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z};
+    return sum;
+}
+
 INLINED Vector scaled(Vector v, floatl by)
 {
     const Vector s = {v.x * by, v.y * by, v.z * by};

@@ -1,18 +1,20 @@
 /* Binning: lists the primitives that may touch each bin of BIN x BIN pixels, in the order of the primitives.
  *
+ * `project` maps vertices of the world to the target's pixel space. Its screen is for points relative to `origin`, the
+ * camera's centre: far from the world's origin, such differences are exact, and the matrix has no large numbers.
  * `bound_primitives` bounds each primitive. `count_bins` counts the primitives of each chunk and bin. `total_bins` and
  * `total_rows` sum the counts of each bin and each row of bins. `start_bins` turns the counts of a bin into positions.
  * `fill_bins` writes the indices of the primitives: each chunk fills its own range of a bin's list, so lists keep the
  * order of the primitives, without atomics. `sort_bins` sorts each list from front to back, which pays if the fragment
  * program costs more than the sort.
  *
- * corners: (primitives, CORNERS) vertex indices. projected: (vertices, 4), see project.cl. boxes: (primitives, 4)
- * first and last bin in x and y; empty (first > last) if invisible. counts: (chunks, bins), initially 0. totals:
- * (bins,). row_totals: (bins_y,). starts: (bins + 1,) start of each bin's list in `list`. culled: see triangle.h.
- * Work-item: STRIP packets of primitives (bound), a chunk (count, fill), a bin (total, start), a row of bins
- * (total_rows). Cost: O(primitives + list + chunks * bins). Determinism: fixed order.
+ * vertices: (count, 3) world. projected: (vertices, 4) homogeneous U, V, W, Q (lib/pixelspace.h). corners: (primitives,
+ * CORNERS) vertex indices. boxes: (primitives, 4) first and last bin in x and y; empty (first > last) if invisible.
+ * counts: (chunks, bins), initially 0. totals: (bins,). row_totals: (bins_y,). starts: (bins + 1,) start of each bin's
+ * list in `list`. culled: see triangle.h. Work-item: a vertex (project), STRIP packets of primitives (bound), a chunk
+ * (count, fill), a bin (total, start), a row of bins (total_rows). Cost: O(vertices + primitives + list + chunks *
+ * bins). Determinism: fixed order.
  */
-#include "raster/project.cl" /* runs before every binning: one program */
 #include "lib/screen.h"
 
 #ifndef CORNERS
@@ -22,6 +24,18 @@
 #define BETWEEN 0 /* 1: primitives between the pixels are listed, too */
 #endif
 #define BIN_MARGIN (BETWEEN ? 1.0f : 0.01f) /* pixels: triangle.h rounds projected corners to 1/256 */
+
+kernel void project(global const float *vertices, global float *projected, int count, float origin_x, float origin_y,
+                    float origin_z, Screen screen)
+{
+    const int i = get_global_id(0);
+    if (i >= count)
+        return;
+    const float3 p = vload3(i, vertices) - (float3)(origin_x, origin_y, origin_z);
+    const float *m = screen.from_world;
+    const float4 made = {POINT_ROW(m, 0, p), POINT_ROW(m, 1, p), POINT_ROW(m, 2, p), POINT_ROW(m, 3, p)};
+    vstore4(made, i, projected);
+}
 
 /* The first and last bins that each of LANES primitives may touch; low_x > high_x if there are none */
 typedef struct {
@@ -107,7 +121,9 @@ kernel void bound_primitives(global const int *corners, global const float *proj
     }
 }
 
-kernel void count_bins(global const short *boxes, global int *counts, int primitives, int chunk, int bins_x, int bins_y)
+/* Counts a chunk's primitives in each bin or, with `fills`, fills in their indices from the places `counts` on. */
+INLINED void go_through_chunk(global const short *boxes, global int *counts, global int *list, int fills,
+                              int primitives, int chunk, int bins_x, int bins_y)
 {
     const int c = get_global_id(0), first = c * chunk, last = min(first + chunk, primitives);
     if (first >= primitives)
@@ -116,9 +132,17 @@ kernel void count_bins(global const short *boxes, global int *counts, int primit
     for (int i = first; i < last; i++) {
         const short4 box = vload4(i, boxes);
         for (int y = box.z; y <= box.w; y++)
-            for (int x = box.x; x <= box.y; x++)
-                mine[y * bins_x + x]++;
+            for (int x = box.x; x <= box.y; x++) {
+                const int place = mine[y * bins_x + x]++;
+                if (fills)
+                    list[place] = i;
+            }
     }
+}
+
+kernel void count_bins(global const short *boxes, global int *counts, int primitives, int chunk, int bins_x, int bins_y)
+{
+    go_through_chunk(boxes, counts, 0, 0, primitives, chunk, bins_x, bins_y);
 }
 
 kernel void total_bins(global const int *counts, global int *totals, int chunks, int bins)
@@ -168,16 +192,7 @@ kernel void start_bins(global int *counts, global const int *totals, global cons
 kernel void fill_bins(global const short *boxes, global int *counts, global int *list, int primitives, int chunk,
                       int bins_x, int bins_y)
 {
-    const int c = get_global_id(0), first = c * chunk, last = min(first + chunk, primitives);
-    if (first >= primitives)
-        return;
-    global int *places = counts + (size_t)c * bins_x * bins_y;
-    for (int i = first; i < last; i++) {
-        const short4 box = vload4(i, boxes);
-        for (int y = box.z; y <= box.w; y++)
-            for (int x = box.x; x <= box.y; x++)
-                list[places[y * bins_x + x]++] = i;
-    }
+    go_through_chunk(boxes, counts, list, 1, primitives, chunk, bins_x, bins_y);
 }
 
 float front_of(global const int *corners, global const float *projected, int i)

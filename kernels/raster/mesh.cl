@@ -4,8 +4,8 @@
  * three. The texture is read bilinearly in the two mip levels around the pixel's footprint (Williams 1983), along its
  * longer side by lib/footprint.h.
  *
- * faces: (triangles, 3) vertex indices. projected: (vertices, 4), see project.cl. list, starts: see bins.cl. depth,
- * color, valid: (height, width) the picture; nearer pixels stay, and the first of equally near triangles is visible.
+ * faces: (triangles, 3) vertex indices. projected, list, starts: bins.cl. depth, color, valid: (height, width) the
+ * picture; nearer pixels stay, and the first of equally near triangles is visible.
  * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the previous
  * one, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,) 1, or -1
  * where the normals point to the side on which the corners run clockwise. culled: see triangle.h.
@@ -33,8 +33,7 @@ INLINED Vector mean_vector(const OnTriangle *p, global const float *vectors)
 {
     const Vector a = vector_at(vectors, p->corner[0]), b = vector_at(vectors, p->corner[1]),
                  c = vector_at(vectors, p->corner[2]);
-    const Vector mean = {mean_of(p, a.x, b.x, c.x), mean_of(p, a.y, b.y, c.y), mean_of(p, a.z, b.z, c.z)};
-    return mean;
+    return plus_scaled(combined(p->weight[0], a, p->weight[1], b), p->weight[2], c);
 }
 
 #if TEXTURED

@@ -4,10 +4,10 @@
  * passes between two triangles with a common edge. A ray that meets no triangle gets one that it nearly meets: it may
  * pass exactly through the border of a surface.
  *
- * faces: (triangles, 3) vertices of each. projected: (vertices, 4), see project.cl. list, starts: see bins.cl. places:
- * (2, rays) columns and rows in the picture of the bins; NaN for rays that keep their triangle. sense: 1 for the nearest
- * triangle, -1 for the farthest; the first of equally distant ones. met: (rays,), -1 if there is none.
- * Work-item: a ray. Cost: O(list). Determinism: list order.
+ * faces: (triangles, 3) vertices of each. projected, list, starts: bins.cl. places: (2, rays) columns and rows in the
+ * picture of the bins; NaN for rays that keep their triangle. sense: 1 for the nearest triangle, -1 for the farthest;
+ * the first of equally distant ones. met: (rays,), -1 if there is none. Work-item: a ray. Cost: O(list). Determinism:
+ * list order.
  */
 #include "raster/fragment.h"
 

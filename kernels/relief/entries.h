@@ -3,7 +3,7 @@
 /* Entries of a region's pixels into a relief, for the layer being searched, and the hits of that layer. */
 #define KEEPS_UV 1
 #include "raster/fragment.h"
-#include "relief/exits.h"
+#include "relief/entry.h"
 
 #ifndef DEPTH_ALONE
 #define DEPTH_ALONE 0 /* 1: no colours are needed, as in a light's map */
@@ -103,8 +103,7 @@ INLINED intl keep_hits(const Context *context, int block, const Search *s, Vecto
                        Region *region)
 {
     const floatl t = s->t, so_far = region->nearness[block];
-    const Vector hit = {from.x + t * direction.x, from.y + t * direction.y, from.z + t * direction.z};
-    const floatl nearness = nearness_of(context->relief.screen, hit);
+    const floatl nearness = nearness_of(context->relief.screen, plus_scaled(from, t, direction));
     const intl nearer = s->searches & s->found & (nearness > so_far);
     region->nearness[block] = select_lanes(nearer, nearness, so_far);
     region->owner[block] = select_lanes(nearer, triangle, region->owner[block]);

@@ -3,7 +3,7 @@
 /* A relief, and the entry of a pixel's ray: the vertices' frames and quadrics there, and the ray in texture space
  * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
- * faces: (triangles, 3) vertex indices. projected: (vertices, 4), raster/project.cl. vertices: (vertices,
+ * faces: (triangles, 3) vertex indices. projected: (vertices, 4), raster/bins.cl. vertices: (vertices,
  * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c. texels, bounds, levels:
  * search.h. prisms: walk.h.
  */

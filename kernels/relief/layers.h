@@ -7,11 +7,53 @@
  * so far. All lanes of a block search together, even if their rays enter through different triangles.
  *
  * With exact distances rays walk below the mesh (walk.h). With other distances, a ray that comes out of its quadric
- * without a hit has escaped. It is searched once more, up to the back face where it leaves the mesh (exits.h). In a
+ * without a hit has escaped. It is searched once more, up to the back face where it leaves the mesh (follow_mesh). In a
  * light's map, the bottom of the relief stops rays that meet a back before any front (stop_from_below).
  */
 #include "relief/entries.h"
 #include "relief/walks.h"
+
+#define ARC_PARTS 16 /* equal parts of a ray below the mesh; the ray's deepest point is sought at their ends */
+#define BOTTOM_TOLERANCE 1e-3f /* fraction of the depth by which a ray that grazes the bottom may miss it */
+
+/* A ray is below the mesh until it leaves through a back, `distance` after its entry, where its depth falls by `slope`
+ * per scene unit. In between, its depth is estimated by the cubic with the depths and slopes of both ends. Finds where
+ * the cubic first reaches the bottom, or else is deepest: sets t, and returns the depth there. */
+INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope, floatl *t)
+{
+    floatl depth = 0.0f, before = 0.0f;
+    *t = 0.0f;
+    for (int i = 1; i <= ARC_PARTS; i++) {
+        const float part = (float)i / ARC_PARTS, rest = 1.0f - part;
+        const floatl now = distance * (part * rest) * (first_slope * rest + slope * part);
+        const intl rises = (depth < 1.0f) & (now > depth);
+        const floatl reached = select_lanes(now > 1.0f, (1.0f - before) / (now - before), (floatl)1.0f);
+        *t = select_lanes(rises, distance * (i - 1 + reached) * (1.0f / ARC_PARTS), *t);
+        depth = select_lanes(rises, min_lanes(now, (floatl)1.0f), depth);
+        before = now;
+    }
+    return depth;
+}
+
+/* Changes the depths of escaped rays that leave the mesh `distance` after their entry, if the cubic reaches deeper than
+ * their quadrics. The new depth is a parabola to the point where the cubic is at the bottom, or deepest. It begins with
+ * the ray's own slope, or a lower slope. Returns the changed rays; share: fraction of the quadric's curvature that
+ * remains */
+intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector direction, floatl distance,
+                 intl escaped, floatl *share)
+{
+    const floatl K = ray->K, slope = max_lanes(DOT(direction, out->normal), (floatl)0.0f) / relief->scale;
+    floatl t;
+    const floatl depth = deepest_between(ray->L, distance, slope, &t), safe_t = max_lanes(t, (floatl)1e-20f);
+    const intl follows = escaped & (t > 0.0f) & (depth > depth_of(ray, t));
+    const floatl bends = (depth / safe_t - ray->L) / safe_t;
+    *share = select_lanes(follows & (K < bends), max_lanes(bends / K, (floatl)0.0f), (floatl)1.0f);
+    const floatl mean = depth * (1.0f + BOTTOM_TOLERANCE) / safe_t, rise = min_lanes(ray->L, 2.0f * mean);
+    ray->L = select_lanes(follows, rise, ray->L);
+    ray->K = select_lanes(follows, (mean - rise) / safe_t, K);
+    use_quadric_depth(ray, follows);
+    return follows;
+}
 
 /* The rays of a block's pixels in the world, from their entries into the relief */
 typedef struct {
@@ -46,12 +88,7 @@ static EntryRay begin_search(const Context *context, const Region *region, int b
         searches = follow_mesh(relief, &s->ray, &out, entry_ray.direction, way, leaves, &entry_ray.share);
         longest = select_lanes(searches, way, longest);
     }
-#if COUNTERS
-    s->taken = 0;
-#endif
-    s->tier = FIRST_TIER;
-    s->searches = s->active = searches & is_finite_ray(&s->ray);
-    mask_inactive(&s->ray, s->active);
+    begin_rays(s, searches & is_finite_ray(&s->ray), FIRST_TIER);
     set_end(&s->ray);
     s->ray.at_bottom = s->ray.at_bottom & (s->ray.end <= longest);
     s->ray.end = min_lanes(s->ray.end, longest);
@@ -121,8 +158,7 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
         set_ray(&ray, &e, back, relief->quadric, relief->scale);
         mask_inactive(&ray, leaves & is_finite_ray(&ray));
         set_end(&ray);
-        const Vector bottom = {from.x + ray.end * back.x, from.y + ray.end * back.y, from.z + ray.end * back.z};
-        const floatl nearness = nearness_of(relief->screen, bottom);
+        const floatl nearness = nearness_of(relief->screen, plus_scaled(from, ray.end, back));
         const intl before = relief->screen.perspective ? (nearness > 0.0f) & (nearness <= relief->screen.nearest)
                                                        : leaves;
         const intl stops = leaves & ray.at_bottom & before & (nearness > region->nearness[block]);

@@ -8,8 +8,8 @@
  * is below `eye_triangle`, to where they leave the mesh.
  *
  * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
- * searched once more, with depths estimated from the mesh (exits.h); the tile sizes are gradients of u and v, which are
- * also valid where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
+ * searched once more, with depths estimated from the mesh (layers.h); the tile sizes are gradients of u and v, which
+ * are also valid where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
  * which the paper replaces by the light's map on curved surfaces, uses the quadric of the point's own entry.
  *
  * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, with fronts, and with backs if quadrics are

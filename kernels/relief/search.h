@@ -84,6 +84,17 @@ typedef struct {
 #define COUNT_STEP(search, tries)
 #endif
 
+/* Begins a search along the rays of some lanes. */
+INLINED void begin_rays(Search *s, intl searches, intl tier)
+{
+#if COUNTERS
+    s->taken = 0;
+#endif
+    s->tier = tier;
+    s->searches = s->active = searches;
+    mask_inactive(&s->ray, searches);
+}
+
 intl is_below(const Search *s, global const uint *texels, floatl t)
 {
     const Track *k = &s->track;

@@ -31,19 +31,16 @@ INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
 /* Sets the normal to the quadric's normal at the foot of the point. */
 INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 {
-    Vector x, y, normal = e->normal;
+    Vector x, y;
     tangents_of(e, &x, &y);
     floatl px = DOT(shading->from_entry, x), py = DOT(shading->from_entry, y);
-    shading->normal = normal;
+    shading->normal = e->normal;
     if (!quadric)
         return;
     carry_below(e, shading->below, &px, &py);
-    const floatl along_x = -2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
-                 along_y = -2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
-    normal.x += along_x * x.x + along_y * y.x;
-    normal.y += along_x * x.y + along_y * y.y;
-    normal.z += along_x * x.z + along_y * y.z;
-    shading->normal = normalized(normal);
+    const floatl along_x = 2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
+                 along_y = 2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
+    shading->normal = normalized(minus(e->normal, combined(along_x, x, along_y, y)));
 }
 
 /* The shading point's normal, tilted by the rise of the heights over a texel along u and along v, in HEIGHT_UNITs.
@@ -55,15 +52,14 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
     const float rise = scale * HEIGHT_UNIT;
     const floatl du = across * to_floatl(map.width) * rise, dv = down * to_floatl(map.height) * rise;
     const Vector normal = shading->normal;
-    Vector slope = {du * e->along_u.x + dv * e->along_v.x, du * e->along_u.y + dv * e->along_v.y,
-                    du * e->along_u.z + dv * e->along_v.z};
+    Vector slope = combined(du, e->along_u, dv, e->along_v);
     if (quadric) {
         Vector x, y;
         tangents_of(e, &x, &y);
         floatl sx = DOT(slope, x), sy = DOT(slope, y);
         carry_below(e, shading->below, &sx, &sy);
         /* The slope is rotated as the normal is from the entry to the point. */
-        const Vector there = {sx * x.x + sy * y.x, sx * x.y + sy * y.y, sx * x.z + sy * y.z};
+        const Vector there = combined(sx, x, sy, y);
         const floatl part = DOT(there, normal) / max_lanes(1.0f + DOT(normal, e->normal), (floatl)FOCUS);
         slope.x = there.x - part * (normal.x + e->normal.x);
         slope.y = there.y - part * (normal.y + e->normal.y);
@@ -134,10 +130,7 @@ INLINED Vector relief_normal_by_map(Vector normal, const Entry *e, Vector part)
     tangents_of(e, &x, &y);
     /* v may run against y */
     const floatl across = select_lanes(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y;
-    const Vector tilted = {part.z * normal.x + part.x * x.x + across * y.x,
-                           part.z * normal.y + part.x * x.y + across * y.y,
-                           part.z * normal.z + part.x * x.z + across * y.z};
-    return normalized(tilted);
+    return normalized(plus_scaled(combined(part.z, normal, part.x, x), across, y));
 }
 #endif
 #endif

@@ -18,9 +18,8 @@ typedef struct {
     floatl distance;   /* from the point to the exit, in scene units */
 } LightRay;
 
-/* Depths use equation 7, below the quadric of the point's own entry. So the point lies exactly on the relief (nearly so
- * if it was found with the mesh: exits.h), and the light's ray leaves the relief where its depth below that quadric is
- * 0. */
+/* Depths use equation 7, below the quadric of the point's own entry. So the point lies exactly on the relief, or nearly
+ * so after follow_mesh, and the light's ray leaves the relief where its depth below that quadric is 0. */
 LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
     LightRay made;
@@ -44,15 +43,11 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     const floatl distance = select_lanes(made.leaves, 2.0f * depth / divisor, (floatl)0.0f),
                  lift = (found - depth) * scale;
     made.distance = distance;
-    made.exit.x = shading->point.x + lift * e->normal.x + distance * light.x;
-    made.exit.y = shading->point.y + lift * e->normal.y + distance * light.y;
-    made.exit.z = shading->point.z + lift * e->normal.z + distance * light.z;
+    made.exit = plus_scaled(plus_scaled(shading->point, lift, e->normal), distance, light);
     const floatl qx = px + distance * lx, qy = py + distance * ly; /* position of the exit */
     const floatl across = -2.0f * bends * quadric_form(e, qx, qy, 1.0f, 0.0f),
                  down = -2.0f * bends * quadric_form(e, qx, qy, 0.0f, 1.0f);
-    const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
-                           e->normal.z + across * x.z + down * y.z};
-    made.normal = normalized(normal);
+    made.normal = normalized(plus_scaled(plus_scaled(e->normal, across, x), down, y));
     ray->du = -DOT(light, e->along_u);
     ray->dv = -DOT(light, e->along_v);
     const floatl u = shading->place.u - ray->du * distance, v = shading->place.v - ray->dv * distance;

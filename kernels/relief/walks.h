@@ -35,14 +35,9 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
                 continue;
             any = 1;
             begin_leg(relief, walk, leg == 0, &s->ray);
-            s->searches = s->active = walk->active & is_finite_ray(&s->ray);
-            mask_inactive(&s->ray, s->active);
+            begin_rays(s, walk->active & is_finite_ray(&s->ray), walk->tier);
             limit_tiles(&s->ray);
-            s->tier = walk->tier;
             s->track = track_of(&s->ray, relief->levels);
-#if COUNTERS
-            s->taken = 0;
-#endif
         }
         if (!any)
             return;
@@ -53,9 +48,7 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
             const int at = block + k;
             if (!any_lane(walk->active))
                 continue;
-            const Vector start = {walk->from.x + walk->reached * walk->direction.x,
-                                  walk->from.y + walk->reached * walk->direction.y,
-                                  walk->from.z + walk->reached * walk->direction.z};
+            const Vector start = plus_scaled(walk->from, walk->reached, walk->direction);
             const intl nearer = keep_hits(context, at, s, start, scaled(walk->direction, walk->way), walk->triangle,
                                           region);
             const floatl second = walk->second + s->t * walk->by_second, third = walk->third + s->t * walk->by_third;

@@ -9,7 +9,7 @@
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
-#include "slicing/cell_bits.h"
+#include "slicing/records.h"
 
 /* In sample distances: */
 #define EDGE 3.0f      /* neighbours farther apart in depth belong to two surfaces */

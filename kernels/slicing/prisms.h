@@ -7,9 +7,15 @@
  * planes and the numbers of planar slices. prism_rays.h turns coordinates in the frame into a height and weights of
  * the corners. For each triangle one of the slicing directions is chosen here (section 3.2). Arrays: surface.cl.
  */
+#include "lib/heights.h"
+#include "lib/taps.h"
 #include "raster/fragment.h"
-#include "slicing/alpha_test.h"
 #include "slicing/rays.h"
+
+/* The alpha test (sections 3.1 and 3.2) */
+#define AT_LEAST 0 /* alpha >= h: the inside is filled, the base drawn (Dietrich) */
+#define BAND 1     /* alpha within a band above h: gaps open between samples that differ by more (Schaufler) */
+#define INSIDE 2   /* alpha > h: where alpha is 0 there is nothing (Kautz & Seidel) */
 
 #define STEADY_PARTS 12.0f /* most slices per pixel along a ray: more than one, so that thin parts flicker less */
 #define SURFACE 0
@@ -88,6 +94,25 @@ typedef struct {
     Prism of[LANES];
     intl low_x, high_x, low_y, high_y;
 } Primitives;
+
+/* Bilinear height at (u, v), 0 to 1, tiled or clamped; heights: lib/heights.h. u and v are wrapped before they are
+ * scaled, which is exact for any number of tiles. */
+floatl height_at(global const uint *heights, int width, int height, floatl u, floatl v)
+{
+    const HeightMap map = {width, height, 0};
+    const Taps taps = map_taps(width, height, u, v);
+    return height_of(read_patch(heights, map, taps.column, taps.row), taps.fx, taps.fy) * HEIGHT_UNIT;
+}
+
+/* Tells whether a point of height h passes where the map's value is alpha. */
+intl passes(int test, floatl alpha, floatl h, float band)
+{
+    if (test == AT_LEAST)
+        return alpha >= h;
+    if (test == INSIDE)
+        return alpha > h;
+    return (alpha >= h) & (alpha < h + band);
+}
 
 /* Sets the barycentric coordinates: rows of the inverse of the matrix of corners. Returns 0 if the corners are
  * coplanar. */

@@ -4,7 +4,7 @@
  * RIBBON_FLOATS). Work-item: a ribbon. Cost: O(RUN_MAX). Determinism: ribbons are independent.
  */
 #include "lib/ribbons.h"
-#include "slicing/ribbon_record.h"
+#include "slicing/records.h"
 
 kernel void record_ribbons(global const float *surface, global const uint *numbers, global float *records, int count,
                            int width, int height, int pitch, Cut cut)

@@ -8,7 +8,6 @@
  */
 #include "lib/footprint.h"
 #include "lib/light.h"
-#include "slicing/alpha_test.h"
 #include "slicing/prisms.h"
 
 /* A pixel's centre on each lane's triangle: u and v there, and the other corners' differences from the first corner */
@@ -48,10 +47,7 @@ typedef struct {
 INLINED Vector mean_by_shares(const SlicePoint *p, const Vector *of_corner)
 {
     const Vector a = minus(of_corner[1], of_corner[0]), b = minus(of_corner[2], of_corner[0]);
-    const Vector mean = {of_corner[0].x + p->second * a.x + p->third * b.x,
-                         of_corner[0].y + p->second * a.y + p->third * b.y,
-                         of_corner[0].z + p->second * a.z + p->third * b.z};
-    return mean;
+    return plus_scaled(plus_scaled(of_corner[0], p->second, a), p->third, b);
 }
 
 /* The sides of the slice through the point at `seen` in the world */
@@ -65,12 +61,8 @@ INLINED SliceSides sides_of_slice(const Context *context, const SlicePoint *p, i
     }
     const Vector above = mean_by_shares(p, up), from_base = minus(seen, mean_by_shares(p, base));
     const floatl h = clamp_lanes(DOT(from_base, above) / DOT(above, above), (floatl)0.0f, (floatl)1.0f);
-    const Vector second = minus(base[1], base[0]), third = minus(base[2], base[0]);
-    const Vector more = minus(up[1], up[0]), more_yet = minus(up[2], up[0]);
-    const SliceSides sides = {
-        {second.x + h * more.x, second.y + h * more.y, second.z + h * more.z},
-        {third.x + h * more_yet.x, third.y + h * more_yet.y, third.z + h * more_yet.z},
-        h};
+    const SliceSides sides = {plus_scaled(minus(base[1], base[0]), h, minus(up[1], up[0])),
+                              plus_scaled(minus(base[2], base[0]), h, minus(up[2], up[0])), h};
     return sides;
 }
 
@@ -81,14 +73,8 @@ INLINED void gradients_on_slice(const SlicePoint *p, const SliceSides *sides, Ve
     const Vector across = cross_product(sides->third, normal), down = cross_product(normal, sides->second);
     const floatl area = DOT(across, sides->second);
     const floatl inverse = select_lanes(fabs(area) > 1e-30f, 1.0f / area, (floatl)0.0f);
-    const floatl u_second = p->u_second * inverse, u_third = p->u_third * inverse;
-    const floatl v_second = p->v_second * inverse, v_third = p->v_third * inverse;
-    const Vector of_u = {u_second * across.x + u_third * down.x, u_second * across.y + u_third * down.y,
-                         u_second * across.z + u_third * down.z};
-    const Vector of_v = {v_second * across.x + v_third * down.x, v_second * across.y + v_third * down.y,
-                         v_second * across.z + v_third * down.z};
-    *along_u = of_u;
-    *along_v = of_v;
+    *along_u = combined(p->u_second * inverse, across, p->u_third * inverse, down);
+    *along_v = combined(p->v_second * inverse, across, p->v_third * inverse, down);
 }
 
 /* A normal, tilted by the rise of heights (0 to 1) over a unit of u and of v on the slice */
@@ -96,13 +82,9 @@ INLINED Vector slice_normal_by_rises(const Context *context, const SlicePoint *p
                                      Vector normal, floatl over_u, floatl over_v)
 {
     const float rise = context->spacing * context->slices;
-    const floatl by_u = over_u * rise, by_v = over_v * rise;
     Vector along_u, along_v;
     gradients_on_slice(p, sides, normal, &along_u, &along_v);
-    const Vector tilted = {normal.x - (by_u * along_u.x + by_v * along_v.x),
-                           normal.y - (by_u * along_u.y + by_v * along_v.y),
-                           normal.z - (by_u * along_u.z + by_v * along_v.z)};
-    return normalized(tilted);
+    return normalized(minus(normal, combined(over_u * rise, along_u, over_v * rise, along_v)));
 }
 #endif
 
@@ -152,10 +134,8 @@ INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl tri
 {
     const Vector across = vector_at(context->frames, 3 * triangle + 1),
                  down = vector_at(context->frames, 3 * triangle + 2);
-    const floatl steep = 1.0f / max_lanes(own.z, (floatl)1e-3f), mu = own.x * steep, mv = own.y * steep;
-    const Vector tilted = {base.x + (mu * across.x + mv * down.x), base.y + (mu * across.y + mv * down.y),
-                           base.z + (mu * across.z + mv * down.z)};
-    return normalized(tilted);
+    const floatl steep = -1.0f / max_lanes(own.z, (floatl)1e-3f);
+    return normalized(minus(base, combined(own.x * steep, across, own.y * steep, down)));
 }
 
 #if SHADOWED

@@ -29,7 +29,6 @@
 #include "lib/footprint.h"
 #include "lib/light.h"
 #include "raster/fragment.h"
-#include "slicing/alpha_test.h"
 #include "slicing/prism_rays.h"
 #include "slicing/slice_normals.h"
 
@@ -283,12 +282,11 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
 
 kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                          global const float *uv, global const float *frames, global const float *tilts,
-                         global const int *ends, global const uint *heights, global const uint *colors, float spacing, int slices,
-                         int by_view /* 1: each prism has its own number of slices (space_slices) */,
-                         int halvings, int slicing,
-                         int test, float band, int map_width,
-                         int map_height, int color_width, int color_height,
-                         int color_levels, float pixel_size, global const float *gradients ANISOTROPY_PARAMETER
+                         global const int *ends, global const uint *heights, global const uint *colors,
+                         float spacing, int slices, int by_view /* 1: each prism has its own number (space_slices) */,
+                         int halvings, int slicing, int test, float band, int map_width, int map_height,
+                         int color_width, int color_height, int color_levels, float pixel_size,
+                         global const float *gradients ANISOTROPY_PARAMETER
 #if LIT
                          ,
                          global const float *normals, global const float *normal_map, int normal_width,
@@ -298,27 +296,9 @@ kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *
 )
 {
     const Picture picture = PICTURE_VALUE;
-    const Context context = {corners,
-                             projected,
-                             points,
-                             uv,
-                             frames,
-                             tilts,
-                             ends,
-                             heights,
-                             gradients,
-                             screen,
-                             nearest_w,
-                             spacing,
-                             by_view ? pixel_size : 0.0f,
-                             band,
-                             slices,
-                             slicing,
-                             test,
-                             halvings,
-                             map_width,
-                             map_height,
-                             COUNTERS_ARGUMENT(int)};
+    const Context context = {corners, projected, points, uv, frames, tilts, ends, heights, gradients, screen, nearest_w,
+                             spacing, by_view ? pixel_size : 0.0f, band, slices, slicing, test, halvings, map_width,
+                             map_height, COUNTERS_ARGUMENT(int)};
     Region region;
     BinList listed;
     if (!begin_item(&region, &picture, list, starts, bins_x, &listed))

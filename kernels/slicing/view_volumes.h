@@ -6,9 +6,8 @@
  */
 #include "lib/screen.h"
 #include "lib/taps.h"
-#include "slicing/cell_bits.h"
 #include "slicing/rays.h"
-#include "slicing/ribbon_record.h"
+#include "slicing/records.h"
 
 #ifndef SILHOUETTES
 #define SILHOUETTES 0 /* 1: maps are masks */

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.depthmesh.far_sides import FarSides, ViewMesh, far_sides_of
+from pyibr.depthmesh.far_sides import FarSides, far_sides_of
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import active_within
 from pyibr.depthmesh.tree import Tree, build_tree
@@ -49,29 +49,15 @@ class CoarseMesh:
 class Closing:
     """Surfaces that close holes, and the free space that each view has seen in front of surfaces.
 
-    All attributes except `surfaces` and `latest` are empty if holes are closed by sheets.
-
-    Attributes
-    ----------
-    surfaces : list of CoarseMesh
-        Surface of each view, which shows in holes; with its rubber sheets if sheets close holes.
-    backs, sheets : list of CoarseMesh
-        For each view, the back side of its surface, and coarse triangles in place of rubber sheets.
-    far_sides : list of FarSides
-        For each view, the surfaces that continue behind its depth edges.
-    arguments : dict
-        Free space for kernels/depthmesh/closing.h: for each view, the depth up to which it saw free space, the depth up
-        to which space counts as free behind its depth edges, and the minimum of both in each cell.
-    latest : (DrawnViews, Triangles), or None
-        Cache of the most recent triangles, and the views that they are for.
+    If sheets close holes, there are only `surfaces`, which contain them.
     """
 
-    surfaces: list[CoarseMesh]
-    backs: list[CoarseMesh] = field(default_factory=list[CoarseMesh])
-    sheets: list[CoarseMesh] = field(default_factory=list[CoarseMesh])
+    surfaces: list[CoarseMesh]  # of each view; they show in holes
+    backs: list[CoarseMesh] = field(default_factory=list[CoarseMesh])  # back sides of the surfaces
+    sheets: list[CoarseMesh] = field(default_factory=list[CoarseMesh])  # coarse triangles in place of rubber sheets
     far_sides: list[FarSides] = field(default_factory=list[FarSides])
-    arguments: dict[str, Any] = field(default_factory=dict[str, Any])
-    latest: tuple[DrawnViews, Triangles] | None = None
+    arguments: dict[str, Any] = field(default_factory=dict[str, Any])  # FreeSpace of kernels/depthmesh/closing.h
+    latest: tuple[DrawnViews, Triangles] | None = None  # cache: the most recent triangles, and their views
 
     def underlay(self, drawn: DrawnViews) -> Triangles:
         """List the triangles that precede the chosen views' meshes: sheets, back sides, surfaces of other views."""
@@ -90,23 +76,23 @@ class Closing:
         return made
 
 
-def closing_of(meshes: Sequence[ViewMesh], extent: float, closed: Closed) -> Closing:
-    """Make the surfaces that close the holes of meshes; `extent` is the largest edge of their box."""
+def closing_of(trees: Sequence[Tree], extent: float, closed: Closed) -> Closing:
+    """Make the surfaces that close the holes of the trees' meshes; `extent` is the largest edge of their box."""
+    views = [tree.view for tree in trees]
     if closed == "sheets":
-        trees = [build_tree(mesh.view, Segmentation("none")) for mesh in meshes]
-        return Closing([CoarseMesh.of(tree, _COARSE_ERROR * extent) for tree in trees])
-    surfaces = [CoarseMesh.of(mesh.tree, _COARSE_ERROR * extent) for mesh in meshes]
-    backs = [CoarseMesh.of(mesh.tree, _BACK_ERROR * extent).reversed for mesh in meshes]
-    sheets = list(map(_sheets_of, meshes))
+        whole = [build_tree(view, Segmentation("none")) for view in views]
+        return Closing([CoarseMesh.of(tree, _COARSE_ERROR * extent) for tree in whole])
+    surfaces = [CoarseMesh.of(tree, _COARSE_ERROR * extent) for tree in trees]
+    backs = [CoarseMesh.of(tree, _BACK_ERROR * extent).reversed for tree in trees]
+    sheets = list(map(_sheets_of, trees))
     limits = list[NDArray[np.float32]]()
-    for mesh in meshes:
-        view = mesh.view
+    for view in views:
         unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
         limits.append(np.where(view.valid, view.depth, unseen))
-    far_sides = list(map(far_sides_of, meshes, limits))
+    far_sides = list(map(far_sides_of, trees, limits))
     depths = [one.depth for one in far_sides]
     starts = np.cumsum([0, *(limit.size for limit in limits[:-1])])
-    sizes = [(*mesh.view.camera.size, start) for mesh, start in zip(meshes, starts, strict=True)]
+    sizes = [(*view.camera.size, start) for view, start in zip(views, starts, strict=True)]
     images = {
         "free_depths": limits,
         "extended_depths": depths,
@@ -118,8 +104,8 @@ def closing_of(meshes: Sequence[ViewMesh], extent: float, closed: Closed) -> Clo
     }
     arguments |= {
         "view_sizes": upload(np.array(sizes, np.int32)),
-        "perspectives": upload(np.array([mesh.view.camera.projection == "perspective" for mesh in meshes], np.int32)),
-        "view_count": len(meshes),
+        "perspectives": upload(np.array([view.camera.projection == "perspective" for view in views], np.int32)),
+        "view_count": len(views),
         "stride": _STRIDE * extent,
         "enclosed": all(bool(np.isfinite(limit).all()) for limit in limits),  # no view saw background
     }
@@ -134,17 +120,17 @@ def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return least
 
 
-def _sheets_of(mesh: ViewMesh) -> CoarseMesh:
+def _sheets_of(tree: Tree) -> CoarseMesh:
     """Cover the cells that are not fully drawn with coarser triangles, which find rays that pass between surfaces."""
-    width, height = mesh.view.camera.size
+    camera, (width, height) = tree.view.camera, tree.view.camera.size
     rows, columns = (np.unique([*range(0, count, _SHEET_STEP), count - 1]) for count in (height, width))
-    upper, lower = mesh.tree.drawn_cells()
+    upper, lower = tree.drawn_cells()
     holed = np.logical_or.reduceat(np.logical_or.reduceat(~(upper & lower), rows[:-1]), columns[:-1], axis=1)
     sample = rows[:, None] * width + columns
     a, b, c, d = (at[holed] for at in (sample[:-1, :-1], sample[:-1, 1:], sample[1:, :-1], sample[1:, 1:]))
     corners = np.concatenate([np.column_stack([a, c, b]), np.column_stack([b, c, d])])
-    used, numbers = np.unique(corners[mesh.view.valid.ravel()[corners].all(axis=1)], return_inverse=True)
-    pixels, depth = mesh.tree.vertices_of(used.astype(np.int32))
-    scale, third = (depth, depth) if mesh.view.camera.projection == "perspective" else (np.ones_like(depth), -depth)
+    used, numbers = np.unique(corners[tree.view.valid.ravel()[corners].all(axis=1)], return_inverse=True)
+    pixels, depth = tree.vertices_of(used.astype(np.int32))
+    scale, third = (depth, depth) if camera.projection == "perspective" else (np.ones_like(depth), -depth)
     points = np.column_stack([pixels * scale[:, None], third, np.zeros_like(depth)])
     return CoarseMesh(points.astype(np.float32), numbers.reshape(-1, 3).astype(np.int32))

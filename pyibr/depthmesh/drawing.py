@@ -13,12 +13,11 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, Immutable
 from pyibr.core.pixelspace import camera_pair, pixel_size
 from pyibr.depthmesh.closing import Closed, Closing
-from pyibr.depthmesh.far_sides import ViewMesh
 from pyibr.depthmesh.levels import feathers_of, view_colors
 from pyibr.depthmesh.selection import CHUNK
+from pyibr.depthmesh.tree import Tree
 from pyibr.depthmesh.triangulation import projected_triangles
 from pyibr.depthmesh.viewpoints import DrawnViews
-from pyibr.images.depth_image import DepthImage
 from pyibr.opencl.ahead import build_ahead
 from pyibr.opencl.device import current
 from pyibr.opencl.device_cache import cached_on_device
@@ -37,32 +36,15 @@ Bounds = tuple[Float64, Float64]
 
 @dataclass(frozen=True)
 class Blending:
-    """Blending of several views' meshes into one picture.
+    """Blending of several views' meshes into one picture."""
 
-    Attributes
-    ----------
-    by : str
-        A name from `Blend`.
-    drawn : DrawnViews
-    closeness : (views,) float64
-        Weights of the views: closeness of their viewpoints to the target's, in 1 / scene units.
-    epsilon : float
-        As for `DepthMeshObject`, in scene units.
-    share : float
-        Fraction of the tolerance for each mesh: two meshes of one surface may deviate to opposite sides.
-    closing : Closing, optional
-        Surfaces that show through holes.
-    gains : (views, 3) float64, optional
-        Factors for the views' colours.
-    """
-
-    by: str
+    by: str  # a name from `Blend`
     drawn: DrawnViews
-    closeness: Float64
-    epsilon: float
-    share: float = 0.5
-    closing: Closing | None = None
-    gains: Float64 | None = None
+    closeness: Float64  # (views,) of their viewpoints to the target's, in 1 / scene units: their weights
+    epsilon: float  # as for `DepthMeshObject`, in scene units
+    share: float = 0.5  # of the tolerance for each mesh: two meshes of one surface may deviate to opposite sides
+    closing: Closing | None = None  # surfaces that show through holes
+    gains: Float64 | None = None  # (views, 3) factors for the views' colours
 
 
 ONE_VIEW = Blending("quality", DrawnViews([0]), np.ones(1), 0.0, share=1.0)
@@ -85,7 +67,7 @@ def build_ahead_of_meshes(target: Target, closed: Closed, *, is_lit: bool) -> No
 def draw_depth_meshes(
     target: Target,
     thing: Immutable,
-    meshes: Sequence[ViewMesh],
+    trees: Sequence[Tree],
     bounds: Bounds,
     *,
     tolerance: float,
@@ -96,34 +78,26 @@ def draw_depth_meshes(
 ) -> None:
     """Draw one mesh, or several meshes blended, into the target.
 
-    Parameters
-    ----------
-    target : Target
-    thing : Immutable
-        Object whose colours and triangles are cached on the device.
-    meshes : sequence of ViewMesh
-        Meshes of all views.
-    bounds : (low, high)
-        Box around the surfaces in the world.
-    tolerance : float
-        Largest distance, in pixels, between the drawn triangles and the surface.
-    reuse : float
-        As in `pyibr.depthmesh.selection.Selection`.
-    blending : Blending
-    lighting : Lighting, optional
-    occupancy : DeviceArray (H, W) uint32, optional
-        Output: bit k is set where view k gave colour.
+    The colours and triangles of all views' `trees` are cached on the device with the `thing`. `bounds` is the box
+    around the surfaces in the world; `tolerance`, in pixels, the largest distance between the drawn triangles and the
+    surface; `reuse` as in `pyibr.depthmesh.selection.Selection`. `occupancy`, (H, W) uint32, receives bit k where view
+    k gave colour.
     """
-    entry = _entry(target, lighting, [mesh.view for mesh in meshes], tolerance, bounds)
+    views = [tree.view for tree in trees]
+    entry = NO_ENTRY
+    if lighting is not None:
+        middle = 0.5 * (bounds[0] + bounds[1])
+        noise, apart = noise_bias(views, target.camera, middle)
+        bias = tolerance * pixel_size(target.camera, middle) + noise  # covers a light's other triangles, and noise
+        entry = entry_for(target, lighting, bias=bias, apart=apart, normals=True)
     camera, near = target.camera, target.near(bounds)
     closing, drawn = blending.closing, blending.drawn
     colored = [*drawn.others, *drawn.chosen]
-    trees = [meshes[number].tree for number in drawn.chosen]
-    listed = [meshes[number].view for number in (*drawn.sheets, *drawn.around, *colored)]
-    pairs = [camera_pair(view.camera, camera) for view in listed]
+    chosen = [trees[number] for number in drawn.chosen]
+    pairs = [camera_pair(views[number].camera, camera) for number in (*drawn.sheets, *drawn.around, *colored)]
     underlay = None if closing is None else closing.underlay(drawn)
     how = blending.share * tolerance, underlay, 0.0 if target.from_light else reuse
-    triangles, projected = projected_triangles(thing, trees, camera, pairs, *how)
+    triangles, projected = projected_triangles(thing, chosen, camera, pairs, *how)
     sides = "both" if target.from_light else "front"  # back sides have no colours, but cast shadows
     bins = bin_primitives(target, triangles.corners, projected, near, sides)
     closed: Closed = closing is not None and (bool(closing.arguments) or "sheets")
@@ -151,7 +125,7 @@ def draw_depth_meshes(
         items=items,
         **bins.arguments,
         **outputs,
-        **_view_arguments(thing, meshes, blending, colored, camera, entry.normals),
+        **_view_arguments(thing, trees, blending, colored, camera, entry.normals),
         **entry.arguments,
     )
     target.blank = False
@@ -168,16 +142,16 @@ def _defines_of(target: Target, closed: Closed, entry: Entry) -> dict[str, int]:
 
 def _view_arguments(
     thing: Immutable,
-    meshes: Sequence[ViewMesh],
+    trees: Sequence[Tree],
     blending: Blending,
     colored: list[int],
     camera: Camera,
     with_normals: bool,
 ) -> dict[str, Any]:
     """Arguments from the views: colours and weights, normals if requested, and free space if rays close holes."""
-    closing, views = blending.closing, [mesh.view for mesh in meshes]
+    closing, views = blending.closing, [tree.view for tree in trees]
     far_sides = () if closing is None else closing.far_sides
-    feathers = cached_on_device(thing, "feathers", lambda: list(map(feathers_of, meshes)))
+    feathers = cached_on_device(thing, "feathers", lambda: list(map(feathers_of, trees)))
     colors = cached_on_device(thing, "colors", lambda: view_colors(views, feathers, blending.gains, far_sides))
     closeness = (blending.closeness / blending.closeness.max()).astype(np.float32)
     focal = np.sqrt(camera.K[0, 0] * camera.K[1, 1])
@@ -201,16 +175,3 @@ def _view_arguments(
             "closeness": upload(closeness),
         }
     return arguments
-
-
-def _entry(
-    target: Target, lighting: Lighting | None, views: Sequence[DepthImage], tolerance: float, bounds: Bounds
-) -> Entry:
-    """Register the meshes for deferred lighting; the bias covers a light's other triangles and the views' noise."""
-    if lighting is None:
-        return NO_ENTRY
-    low, high = bounds
-    middle = 0.5 * (low + high)
-    noise, apart = noise_bias(views, target.camera, middle)
-    bias = tolerance * pixel_size(target.camera, middle) + noise
-    return entry_for(target, lighting, bias=bias, apart=apart, normals=True)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.depthmesh.tree import Tree
-from pyibr.images.depth_image import DepthImage
 
 _DEPTH_RATIO_MAX = 1.5  # largest ratio between the depths of a continued surface and of its edge, either way
 
@@ -18,37 +17,13 @@ Float32 = NDArray[np.float32]
 Whole = NDArray[np.int64]
 
 
-class ViewMesh(Protocol):
-    """The mesh of a view."""
-
-    @property
-    def view(self) -> DepthImage:
-        """Depth image of the mesh."""
-        ...
-
-    @property
-    def tree(self) -> Tree:
-        """Quadtree of the mesh on the current device."""
-        ...
-
-
 @dataclass(frozen=True)
 class FarSides:
-    """Depths behind a view's surface: the far sides of its depth edges, extrapolated.
+    """Depths behind a view's surface, each (H, W): the far sides of its depth edges, extrapolated."""
 
-    Attributes
-    ----------
-    depth : (H, W) float32
-        Depth of the continued surface, not less than the view's own.
-    hidden : (H, W) bool
-        Mask of the samples where `depth` lies behind the view's surface.
-    far : (H, W) bool
-        Mask of the surface samples on the far sides of edges. Background samples are excluded: they have no colours.
-    """
-
-    depth: Float32
-    hidden: NDArray[np.bool_]
-    far: NDArray[np.bool_]
+    depth: Float32  # of the continued surface, not less than the view's own
+    hidden: NDArray[np.bool_]  # where `depth` lies behind the view's surface
+    far: NDArray[np.bool_]  # surface samples on the far sides of edges; background is excluded: it has no colours
 
     def colored(self, words: NDArray[np.uint32]) -> NDArray[np.uint32]:
         """(H, W) RGBA words: spread from the edges where `hidden`, the given words of the view, (H, W), elsewhere."""
@@ -59,32 +34,26 @@ class FarSides:
         return np.where(self.hidden, spread, words)
 
 
-def far_sides_of(mesh: ViewMesh, limit: Float32) -> FarSides:
-    """Extrapolate the far sides of a view's depth edges.
+def far_sides_of(tree: Tree, limit: Float32) -> FarSides:
+    """Extrapolate the far sides of a view's depth edges; `limit`: its depths, infinite for background, 0 if unknown.
 
     Each sample continues the far side of the edge that is nearest in the image: it lies in the tangent plane of the
     surface there, or is background if the far side is background.
-
-    Parameters
-    ----------
-    mesh : ViewMesh
-    limit : (H, W) float32
-        Depths of the view: infinite for background, 0 for unknown depth.
     """
-    far = _far_sides(mesh, limit)
+    far = _far_sides(tree, limit)
     if not far.any():
         return FarSides(limit, far, far)
     number = np.arange(far.size).reshape(far.shape)
     behind = (limit > 0) & np.isfinite(limit)  # only surfaces occlude: other samples are empty or unknown
     origin = _nearest(np.where(far, number, -1), far.shape[1], behind)
-    depth = _continued(mesh, limit, origin, behind)
+    depth = _continued(tree, limit, origin, behind)
     hidden = (depth > limit) & (limit > 0)
     return FarSides(np.where(hidden, depth, limit), hidden, far & np.isfinite(limit))
 
 
-def _far_sides(mesh: ViewMesh, limit: Float32) -> NDArray[np.bool_]:
+def _far_sides(tree: Tree, limit: Float32) -> NDArray[np.bool_]:
     """Mask, (H, W) bool, of the samples on the far sides of depth edges, of surfaces or of background."""
-    upper, lower = mesh.tree.drawn_cells()
+    upper, lower = tree.drawn_cells()
     height, width = limit.shape
     parts = [np.s_[dy : height - 1 + dy, dx : width - 1 + dx] for dy in (0, 1) for dx in (0, 1)]
     corners: Float32 = np.stack([limit[part] for part in parts])
@@ -106,18 +75,10 @@ _NEIGHBOUR_WEIGHTS = (9, 3, 3, 1)  # bilinear weights, in sixteenths, of the ele
 
 
 def _nearest(origin: Whole, width: int, wanted: NDArray[np.bool_] | Literal[True] = True, step: int = 1) -> Whole:
-    """Give each element without an origin the origin of the approximately nearest element.
+    """Give each `wanted` element without an origin the origin of the approximately nearest element.
 
-    Parameters
-    ----------
-    origin : (h, w) int64
-        Sample indices y * width + x, or -1.
-    width : int
-        Samples in a row of the view.
-    wanted : (h, w) bool
-        Mask of the elements to fill; it saves time on the finest level, the slowest one.
-    step : int
-        Samples along the side of an element's block. Levels are halved until every element of a level is known.
+    Origins are sample indices y * width + x, or -1. An element is a block of `step` samples along its sides; levels are
+    halved until every element of a level is known. The mask of wanted elements saves time on the finest level.
     """
     if (origin >= 0).all():
         return origin
@@ -167,12 +128,12 @@ def _coarser(y: Whole, x: Whole, shape: tuple[int, ...]) -> list[Whole]:
     return [row * shape[1] + column for row in rows for column in columns]
 
 
-def _continued(mesh: ViewMesh, limit: Float32, origin: Whole, wanted: NDArray[np.bool_]) -> Float32:
+def _continued(tree: Tree, limit: Float32, origin: Whole, wanted: NDArray[np.bool_]) -> Float32:
     """(H, W) depths at which the rays of `wanted` samples meet the tangent planes of their samples `origin`."""
-    camera = mesh.view.camera
+    camera = tree.view.camera
     rows, columns = np.nonzero(wanted)
     y, x = np.divmod(origin[wanted], limit.shape[1])
-    depth, normal = limit[y, x].astype(np.float64), mesh.tree.sample_normals()[y, x].astype(np.float64)
+    depth, normal = limit[y, x].astype(np.float64), tree.sample_normals()[y, x].astype(np.float64)
 
     def ray(x: Whole, y: Whole) -> Float64:
         rows = np.linalg.inv(camera.K)  # term by term: products of small matrices are slow
@@ -187,7 +148,7 @@ def _continued(mesh: ViewMesh, limit: Float32, origin: Whole, wanted: NDArray[np
         else:
             found = depth - np.sum(normal[..., :2] * (here - there)[..., :2], axis=-1) / normal[..., 2]
             steep = ~np.isfinite(found)
-            span = (_DEPTH_RATIO_MAX - 1) * float(np.ptp(mesh.view.depth[mesh.view.valid]))
+            span = (_DEPTH_RATIO_MAX - 1) * float(np.ptp(tree.view.depth[tree.view.valid]))
             low, high = depth - span, depth + span
         found = np.where(steep, depth, np.clip(found, low, high))
     result = limit.copy()

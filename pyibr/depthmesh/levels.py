@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
-from pyibr.depthmesh.far_sides import FarSides, ViewMesh
+from pyibr.depthmesh.far_sides import FarSides
+from pyibr.depthmesh.tree import Tree
 from pyibr.images import DepthImage
 from pyibr.meshes.textures import halved, rgba_words
 from pyibr.opencl.memory import DeviceArray, upload
@@ -19,27 +20,13 @@ _FEATHER = 8  # samples over which a view's weight fades towards an end of its s
 
 @dataclass(frozen=True)
 class ViewColors:
-    """Colours of views: all levels of each view, one after the other, each half as large as the previous level.
+    """Colours of views: all levels of each view, one after the other, each half as large as the previous level."""
 
-    Attributes
-    ----------
-    words : DeviceArray (texels,) uint32
-        RGBA. A holds `feathers_of` on the finest levels, and on others 255 times the fraction of valid samples.
-    sizes : DeviceArray (levels, 3) int32
-        Width, height and start of each level.
-    sources : (views, 4) int32
-        Index, first level and last level of each view, and 1 if it is perspective.
-    focals : (views,) float64
-        Samples per scene unit, at depth 1 in perspective views.
-    far_sides : DeviceArray (samples,) uint32, or None
-        RGBA colours of the continued surfaces behind each view's depth edges, if holes are closed.
-    """
-
-    words: DeviceArray
-    sizes: DeviceArray
-    sources: NDArray[np.int32]
-    focals: Float64
-    far_sides: DeviceArray | None
+    words: DeviceArray  # RGBA; A: `feathers_of` on the finest levels, then 255 times the fraction of valid samples
+    sizes: DeviceArray  # (levels, 3) width, height and start
+    sources: NDArray[np.int32]  # (views, 4) index, first level and last level, and 1 for a perspective view
+    focals: Float64  # (views,) samples per scene unit, at depth 1 in perspective views
+    far_sides: DeviceArray | None  # RGBA of the continued surfaces behind depth edges, if rays close holes
 
 
 def view_colors(
@@ -73,12 +60,12 @@ def _joined(images: Sequence[NDArray[np.uint32]]) -> DeviceArray:
     return upload(np.concatenate([image.ravel() for image in images]))
 
 
-def feathers_of(mesh: ViewMesh) -> NDArray[np.uint8]:
+def feathers_of(tree: Tree) -> NDArray[np.uint8]:
     """(H, W) weights of a view's samples: 255 inside, down to 1 at the ends of the surface; 0 where depth is invalid.
 
     The weights fade towards depth edges, holes and the image border, with the chessboard distance.
     """
-    upper, lower = mesh.tree.drawn_cells()
+    upper, lower = tree.drawn_cells()
     whole = np.pad(upper & lower, 1)
     inner = whole[1:, 1:] & whole[1:, :-1] & whole[:-1, 1:] & whole[:-1, :-1]
     distance = inner.astype(np.uint8)
@@ -87,7 +74,7 @@ def feathers_of(mesh: ViewMesh) -> NDArray[np.uint8]:
         rows = rows[1:-1] & rows[:-2] & rows[2:]
         inner = rows[:, 1:-1] & rows[:, :-2] & rows[:, 2:]
         distance += inner
-    return np.where(mesh.view.valid, np.maximum(distance * (255 / _FEATHER), 1), 0).astype(np.uint8)
+    return np.where(tree.view.valid, np.maximum(distance * (255 / _FEATHER), 1), 0).astype(np.uint8)
 
 
 def color_levels(

@@ -9,8 +9,6 @@ to the other. Edges without a common triangle collapse in the same round.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,42 +23,19 @@ _NO_COST = 1e-6  # relative to the extent: smaller distances are rounding errors
 _AREA_MIN = 1e-3  # square pixels: smaller triangles count as degenerate
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """Directed edges of triangles, and the costs of collapsing the first end to the second."""
-
-    ends: Whole
-    cost: Float64
-
-
 def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error: float) -> Whole:
-    """Merge triangles of a view.
+    """Merge the triangles (T, 3) of a view to at most `count`, (t, 3), of the same vertices, some of them unused.
 
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Positions of the vertices.
-    pixels : (N, 2) float64
-        Pixels of the vertices in the view, where no triangle may turn over.
-    faces : (T, 3) int64
-    count : int
-        Largest number of triangles to leave.
-    max_error : float
-        Largest distance, in scene units, of a vertex from the planes merged into it.
-
-    Returns
-    -------
-    (t, 3) int64
-        Triangles of the same vertices, some of which are no longer used.
+    No vertex ends up farther than `max_error`, in scene units, from the planes merged into it, and no triangle turns
+    over in the view, where the vertices `points`, (N, 3), lie at `pixels`, (N, 2).
     """
     quadrics = _quadrics(points, faces)
     refused = np.empty(0, np.int64)  # edges, start * N + end, whose recent collapses were rejected
     for _ in range(_ROUNDS_MAX):
         if len(faces) <= count:
             break
-        edges = _costs(points, quadrics, faces, refused)
-        chosen = _apart(edges, faces, len(points), max_error, (len(faces) - count + 1) // 2)
-        gone, stays = edges.ends[chosen].T
+        ends, costs = _edges(points, quadrics, faces, refused)
+        gone, stays = _apart(ends, costs, faces, len(points), max_error, (len(faces) - count + 1) // 2).T
         sound = _stays_in_order(pixels, faces, gone, stays, len(points))
         if not len(gone) and not len(refused):
             break
@@ -109,8 +84,8 @@ def _half_edges(faces: Whole) -> tuple[Whole, Whole, Whole]:
     return there, np.repeat(np.arange(len(faces)), 3), number
 
 
-def _costs(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> _Edges:
-    """Both directions of each edge that may collapse, without the refused ones, and their costs."""
+def _edges(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> tuple[Whole, Float64]:
+    """Both directions, (E, 2), of each edge that may collapse to its second end and is not refused; and their costs."""
     there, _, number = _half_edges(faces)
     sides = np.bincount(number)
     _, first = np.unique(number, return_index=True)
@@ -126,18 +101,18 @@ def _costs(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
     place = np.column_stack([points[both[:, 1]], np.ones(len(both))])
     sums = quadrics[both[:, 0]] + quadrics[both[:, 1]]
     cost = np.einsum("ni,nij,nj->n", place, sums, place)
-    return _Edges(both, np.where(cost > (_NO_COST * np.ptp(points, axis=0).max()) ** 2, cost, 0.0))
+    return both, np.where(cost > (_NO_COST * np.ptp(points, axis=0).max()) ** 2, cost, 0.0)
 
 
-def _apart(edges: _Edges, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
-    """Indices of the cheapest edges without common triangles, at most `most`."""
-    allowed = np.flatnonzero(edges.cost <= max_error**2)
+def _apart(ends: Whole, costs: Float64, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
+    """(n, 2) the cheapest edges without common triangles, at most `most`."""
+    allowed = np.flatnonzero(costs <= max_error**2)
     # A hash breaks ties: on planes all costs are equal, and by index each edge would wait for its lower neighbour.
-    order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, edges.cost[allowed]))]
-    order = order[: max(int(_CHEAPEST * len(edges.cost)), 16)]
+    order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, costs[allowed]))]
+    order = order[: max(int(_CHEAPEST * len(costs)), 16)]
     rank = np.arange(len(order))
-    least = np.full(vertices, len(edges.cost), np.int64)
-    ends = edges.ends[order]
+    least = np.full(vertices, len(costs), np.int64)
+    ends = ends[order]
     for column in ends.T:
         np.minimum.at(least, column, rank)
     for _ in range(2):  # over two rings of triangles around each vertex
@@ -145,7 +120,7 @@ def _apart(edges: _Edges, faces: Whole, vertices: int, max_error: float, most: i
         for column in faces.T:
             np.minimum.at(least, column, of_faces)
     first = (least[ends[:, 0]] == rank) & (least[ends[:, 1]] == rank)
-    return order[first][:most]
+    return ends[first][:most]
 
 
 def _stays_in_order(pixels: Float64, faces: Whole, gone: Whole, stays: Whole, vertices: int) -> NDArray[np.bool_]:

@@ -134,7 +134,7 @@ class DepthMesh(Immutable):
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the triangles in the view's colours, which contain their light, unless a light relights them."""
         bounds, tolerance = self.bounds, self.tolerance
-        draw_depth_meshes(target, self, [self], bounds, tolerance=tolerance, reuse=self.reuse, lighting=lighting)
+        draw_depth_meshes(target, self, [self.tree], bounds, tolerance=tolerance, reuse=self.reuse, lighting=lighting)
 
     @property
     def tree(self) -> Tree:

@@ -171,21 +171,21 @@ class DepthMeshObject(Immutable):
         """Largest distance behind the front surface, in scene units, at which a surface counts as the same."""
         return _EPSILON * self.extent if self._epsilon is None else self._epsilon
 
-    def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the blended meshes in the views' colours, which contain their light, unless a light relights them."""
-        self._blend(target, lighting)
+    def draw(self, target: Target, lighting: Lighting | None, occupancy: DeviceArray | None = None) -> None:
+        """Draw the blended meshes in the views' colours, which contain their light, unless a light relights them.
 
-    def _blend(self, target: Target, lighting: Lighting | None, occupancy: DeviceArray | None = None) -> None:
+        `occupancy`, (H, W) uint32, receives the bits that the method of this name returns.
+        """
         build_ahead_of_meshes(target, self.closed, is_lit=lighting is not None)
-        viewpoints, closing = self._viewpoints, None
+        viewpoints, closing, trees = self._viewpoints, None, [mesh.tree for mesh in self.meshes]
         closeness, order = viewpoints.ranked(target.camera, self.choose == "facing")
         drawn = viewpoints.drawn(target.camera, order, self.blended, self.closed)
         if self.closed:
-            closing = cached_on_device(self, "closing", lambda: closing_of(self.meshes, self.extent, self.closed))
+            closing = cached_on_device(self, "closing", lambda: closing_of(trees, self.extent, self.closed))
         draw_depth_meshes(
             target,
             self,
-            self.meshes,
+            trees,
             viewpoints.bounds,
             tolerance=self.tolerance,
             reuse=self.reuse,
@@ -235,7 +235,7 @@ class DepthMeshObject(Immutable):
             raise ArgumentError("views", "at most 32, a bit each", f"{len(self.meshes)}")
         with one_call():
             found = zeros((camera.height, camera.width), np.uint32)
-            self._blend(Target(camera, np.dtype(np.uint8)), None, found)
+            self.draw(Target(camera, np.dtype(np.uint8)), None, found)
             return np.array(found.to_host())
 
 

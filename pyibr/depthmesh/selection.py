@@ -29,25 +29,15 @@ _ROUNDING = 0.999  # fraction of the motion limits that is used, because the lim
 class Selection:
     """Vertices of trees that a camera needs, with a reserve for its motion if `reuse` is not 0.
 
-    Attributes
-    ----------
-    active : list of DeviceArray (side + 1, row) uint8
-        For each tree, the marks of its vertices as in kernels/depthmesh/tree.h.
-    camera : Camera
-    tolerance : float
-        Largest error of the triangulation, in pixels of the camera.
-    reuse : float
-        Reserve: the fraction by which the selection is finer than the tolerance, and the distance that it extends
-        beyond the camera's view, as a fraction of the distance from the camera.
-    motion_limits : list of DeviceArray (side + 1, 2)
-        Bounds of the camera's motion, as in kernels/depthmesh/select.cl.
+    `reuse` is the fraction by which the selection is finer than the tolerance, and the distance that it extends beyond
+    the camera's view, as a fraction of the distance from the camera.
     """
 
-    active: list[DeviceArray]
+    active: list[DeviceArray]  # of each tree: (side + 1, row) uint8 marks of kernels/depthmesh/tree.h
     camera: Camera
-    tolerance: float
+    tolerance: float  # pixels of the camera: largest error of the triangulation
     reuse: float
-    motion_limits: list[DeviceArray]
+    motion_limits: list[DeviceArray]  # of each tree: (side + 1, 2), kernels/depthmesh/select.cl
 
     @cached_property
     def motion_limit(self) -> Float64:
@@ -88,9 +78,7 @@ def select_for(trees: Sequence[Tree], camera: Camera, tolerance: float, reuse: f
         launch(
             kernel("depthmesh/tree.cl", "activate"),
             (tree.side + 1,),
-            errors=tree.errors.errors,
-            radii=tree.errors.radii,
-            depths=tree.errors.depths,
+            **tree.errors,
             active=active[-1],
             motion_limits=motion_limits[-1],
             layout=tree.layout,

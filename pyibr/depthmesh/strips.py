@@ -13,23 +13,11 @@ Int32 = NDArray[np.int32]
 
 
 def strips_of(samples: Int32, faces: Int32, size: tuple[int, int], side: int) -> list[Int32]:
-    """Join a quadtree's triangles into strips, in the order of the Sierpinski curve through them.
+    """Join a quadtree's triangles into strips of `DepthMesh.strips`, in the order of the Sierpinski curve through them.
 
-    Parameters
-    ----------
-    samples : (T, 3) int32
-        Samples y * width + x of each triangle's corners; the second corner has the right angle.
-    faces : (T, 3) int32
-        The same corners, as the vertex numbers that strips hold.
-    size : (width, height)
-        Size of the image.
-    side : int
-        Cells along the tree's side.
-
-    Returns
-    -------
-    list of (n,) int32
-        As returned by `DepthMesh.strips`. A number that is repeated after one other number turns the strip.
+    `samples`, (T, 3), are y * width + x of each triangle's corners, of which the second has the right angle; `faces`,
+    (T, 3), the same corners, as the vertex numbers that strips hold; `size` the image's width and height; `side` the
+    number of cells along the tree's side. A number that is repeated after one other number turns the strip.
     """
     ordered = faces[np.argsort(_along_curve(samples, size, side), kind="stable")].tolist()
     strips: list[Int32] = []

@@ -17,7 +17,7 @@ from pyibr.images import DepthImage
 from pyibr.opencl.headers import constant, struct
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.opencl.program import Kernel, kernel
+from pyibr.opencl.program import kernel
 from pyibr.picture.samples import samples_of
 
 ErrorsBy = Literal["sum", "largest"]
@@ -29,29 +29,14 @@ _COARSE = 8  # from this step on, one work-item processes all rows: they are too
 
 @dataclass(frozen=True)
 class Tree:
-    """The quadtree of a view: device arrays that the kernels in kernels/depthmesh/ compute for samples and vertices.
-
-    Attributes
-    ----------
-    view : DepthImage
-    layout : Struct
-        The struct `Layout` of kernels/depthmesh/tree.h.
-    side : int
-        Cells along the side, a power of two.
-    nearness : DeviceArray (H, pitch)
-        Nearness of the samples.
-    cells : DeviceArray (H, pitch) uint8
-        States of the two triangles of each cell: drawn or not.
-    joined : str
-        An `ErrorsBy`: the rule that joins a vertex's error with its children's.
-    """
+    """The quadtree of a view: device arrays that the kernels in kernels/depthmesh/ compute for samples and vertices."""
 
     view: DepthImage
-    layout: Struct
-    side: int
-    nearness: DeviceArray
-    cells: DeviceArray
-    joined: ErrorsBy
+    layout: Struct  # `Layout` of kernels/depthmesh/tree.h
+    side: int  # cells along the side, a power of two
+    nearness: DeviceArray  # (H, pitch) of the samples
+    cells: DeviceArray  # (H, pitch) uint8 states of each cell's two triangles: drawn or not
+    joined: ErrorsBy  # rule that joins a vertex's error with its children's
 
     def drawn_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Masks, (H - 1, W - 1): the cells whose upper triangle is drawn, and the cells whose lower triangle is."""
@@ -79,7 +64,10 @@ class Tree:
     @cached_property
     def normals(self) -> DeviceArray:
         """(3, H, pitch) normals of the samples in the camera frame of the view."""
-        return _find_normals(self)
+        found = empty((3, *self.nearness.shape), np.float32)
+        arguments = {"nearness": self.nearness, "cells": self.cells, "normals": found, "layout": self.layout}
+        launch(kernel(_KERNELS, "find_normals"), (found.shape[1],), **arguments)
+        return found
 
     @cached_property
     def smoothed(self) -> DeviceArray:
@@ -102,27 +90,43 @@ class Tree:
     @cached_property
     def states(self) -> DeviceArray:
         """(side + 1, row) uint8: states of the two triangles that each vertex splits, drawn or not."""
-        return _find_states(self)
+        side, layout = self.side, self.layout
+        found = empty((side + 1, pitch(side + 1)), np.uint8)
+        launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=self.cells, states=found, layout=layout)
+        self._fine_to_coarse("states", states=found, layout=layout)
+        return found
 
     @cached_property
-    def errors(self) -> Errors:
-        """Errors and bounding spheres of the vertices, for selection by viewers."""
-        return _find_errors(self)
+    def errors(self) -> dict[str, DeviceArray]:
+        """Errors, radii and depths of the vertices, each (side + 1, row), in scene units, for selection by viewers.
 
+        Errors are -1 where nothing is drawn; radii and depths belong to the bounding spheres and their centres.
+        """
+        found = {name: empty(self.states.shape, np.float32) for name in ("errors", "radii", "depths")}
+        shared: dict[str, Any] = found | {
+            "nearness": self.smoothed,
+            "placed": self.placed,
+            "states": self.states,
+            "layout": self.layout,
+            "largest": self.joined == "largest",
+        }
+        launch(kernel(_KERNELS, "find_finest_midpoints"), (self.side + 1,), **shared)
+        if self.side > 1:
+            launch(kernel(_KERNELS, "find_finest_centers"), (self.side // 2,), **shared)
+        self._fine_to_coarse("errors", **shared)
+        return found
 
-@dataclass(frozen=True)
-class Errors:
-    """Errors and bounding spheres of a tree's vertices, each (side + 1, row), in scene units.
-
-    Attributes
-    ----------
-    errors, radii, depths : DeviceArray
-        Errors, -1 where nothing is drawn; radii of the spheres; depths of their centres.
-    """
-
-    errors: DeviceArray
-    radii: DeviceArray
-    depths: DeviceArray
+    def _fine_to_coarse(self, kind: str, **shared: Any) -> None:
+        """Launch the kernels for the vertices of each step from 2 on: midpoints, then centres."""
+        of_step, of_coarse = (kernel(_KERNELS, name) for name in (f"find_{kind}", f"find_coarse_{kind}"))
+        step, side, cells = 2, self.side, self.view.camera.height - 1
+        while step < min(side, _COARSE):
+            rows = -(-cells // step) + 1
+            launch(of_step, (min(side // step + 1, rows),), **shared, s=step, centers=False)
+            launch(of_step, (min(side // (2 * step), -(-rows // 2)),), **shared, s=step, centers=True)
+            step *= 2
+        if step < side:
+            launch(of_coarse, (1,), **shared, finest=step)
 
 
 def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = "sum") -> Tree:
@@ -140,71 +144,8 @@ def build_tree(view: DepthImage, segmentation: Segmentation, joined: ErrorsBy = 
     layout = Struct("Layout", _layout(view, side, pitch(side + 1)))
     rule = Struct("Segmentation", segmentation.record(view, depths[1] - depths[0]))
     cells = empty((height, pitch(width)), np.uint8)
-    launch(
-        kernel(_KERNELS, "segment"),
-        (height - 1,),
-        nearness=nearness,
-        cells=cells,
-        layout=layout,
-        rule=rule,
-    )
+    launch(kernel(_KERNELS, "segment"), (height - 1,), nearness=nearness, cells=cells, layout=layout, rule=rule)
     return Tree(view, layout, side, nearness, cells, joined)
-
-
-def _find_states(tree: Tree) -> DeviceArray:
-    side, layout = tree.side, tree.layout
-    states = empty((side + 1, pitch(side + 1)), np.uint8)
-    launch(kernel(_KERNELS, "find_finest_states"), (side + 1,), cells=tree.cells, states=states, layout=layout)
-    of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_states", "find_coarse_states"))
-    _fine_to_coarse(of_step, of_coarse, side, tree.view.camera.height, states=states, layout=layout)
-    return states
-
-
-def _find_normals(tree: Tree) -> DeviceArray:
-    width, height = tree.view.camera.size
-    normals = empty((3, height, pitch(width)), np.float32)
-    launch(
-        kernel(_KERNELS, "find_normals"),
-        (height,),
-        nearness=tree.nearness,
-        cells=tree.cells,
-        normals=normals,
-        layout=tree.layout,
-    )
-    return normals
-
-
-def _find_errors(tree: Tree) -> Errors:
-    side = tree.side
-    errors, radii, depths = (empty(tree.states.shape, np.float32) for _ in range(3))
-    shared: dict[str, Any] = {
-        "nearness": tree.smoothed,
-        "placed": tree.placed,
-        "states": tree.states,
-        "errors": errors,
-        "radii": radii,
-        "depths": depths,
-        "layout": tree.layout,
-        "largest": tree.joined == "largest",
-    }
-    launch(kernel(_KERNELS, "find_finest_midpoints"), (side + 1,), **shared)
-    if side > 1:
-        launch(kernel(_KERNELS, "find_finest_centers"), (side // 2,), **shared)
-    of_step, of_coarse = (kernel(_KERNELS, name) for name in ("find_errors", "find_coarse_errors"))
-    _fine_to_coarse(of_step, of_coarse, side, tree.view.camera.height, **shared)
-    return Errors(errors, radii, depths)
-
-
-def _fine_to_coarse(of_step: Kernel, of_coarse: Kernel, side: int, height: int, **shared: Any) -> None:
-    """Launch the kernels for the vertices of each step from 2 on: midpoints, then centres."""
-    step = 2
-    while step < min(side, _COARSE):
-        rows = -(-(height - 1) // step) + 1
-        launch(of_step, (min(side // step + 1, rows),), **shared, s=step, centers=False)
-        launch(of_step, (min(side // (2 * step), -(-rows // 2)),), **shared, s=step, centers=True)
-        step *= 2
-    if step < side:
-        launch(of_coarse, (1,), **shared, finest=step)
 
 
 def _layout(view: DepthImage, side: int, row: int) -> np.ndarray[Any, np.dtype[np.void]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,22 +23,12 @@ from pyibr.opencl.program import kernel
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of several trees, tree by tree.
+    """Triangles of several trees, tree by tree."""
 
-    Attributes
-    ----------
-    points : DeviceArray (P, 4) float32
-        Position of each point in its view, as in kernels/depthmesh/tree.h, and its quality, or 0 if not `rated`.
-    corners : DeviceArray (T, 3) int32
-        Indices of points.
-    point_firsts, firsts : list of int
-        Indices of each tree's first point and first triangle, followed by P and T.
-    """
-
-    points: DeviceArray
-    corners: DeviceArray
-    point_firsts: list[int]
-    firsts: list[int]
+    points: DeviceArray  # (P, 4) float32 position in the view (kernels/depthmesh/tree.h), and quality if rated
+    corners: DeviceArray  # (T, 3) int32 indices of points
+    point_firsts: list[int]  # index of each tree's first point, followed by P
+    firsts: list[int]  # index of each tree's first triangle, followed by T
 
 
 def list_triangles(
@@ -141,8 +130,8 @@ class _CachedTriangles:
     triangles: Triangles
 
     def hold_for(self, trees: list[Tree], camera: Camera, before: Triangles | None) -> bool:
-        same = len(trees) == len(self.trees) and all(map(operator.is_, trees, self.trees))
-        return same and before is self.before and self.selection.holds_for(camera)
+        same = [*map(id, trees)] == [*map(id, self.trees)] and before is self.before
+        return same and self.selection.holds_for(camera)
 
 
 def projected_triangles(

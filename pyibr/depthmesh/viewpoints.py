@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -21,33 +21,20 @@ _OPPOSITE = 1e-3  # remaining weight of views that look the opposite way
 class DrawnViews:
     """Indices of the views whose meshes are drawn.
 
-    Attributes
-    ----------
-    chosen : list of int
-        The closest views, which are blended.
-    others : list of int
-        Views whose meshes show in holes: the next closest views, or the chosen ones with their rubber sheets.
-    around : list of int
-        Views whose back sides indicate surface that no view saw: `others`; as many of the farthest views, which see the
-        object from behind; and views in `chosen` whose back sides the camera may see, as from inside a cup.
-    sheets : list of int
-        Views whose rubber sheets are drawn to find rays that pass between surfaces.
+    The back sides of the views `around` indicate surface that no view saw. They are `others`; as many of the farthest
+    views, which see the object from behind; and chosen views whose back sides the camera may see, as from inside a cup.
     """
 
-    chosen: list[int]
-    others: list[int] = field(default_factory=list["int"])
-    around: list[int] = field(default_factory=list["int"])
-    sheets: list[int] = field(default_factory=list["int"])
+    chosen: Sequence[int]  # the closest views, which are blended
+    others: Sequence[int] = ()  # their meshes show in holes: the next closest views, or chosen ones with rubber sheets
+    around: Sequence[int] = ()
+    sheets: Sequence[int] = ()  # their rubber sheets are drawn to find rays that pass between surfaces
 
 
 class Viewpoints:
     """Viewpoints of an object's views; for orthographic views see `DepthMeshObject.weights`.
 
-    Parameters
-    ----------
-    views : sequence of DepthImage
-    boxes : (views, 2, 3) float64
-        Low and high corners of the box around each view's surface, in the world.
+    `boxes`, (views, 2, 3), are the low and high corners of the box around each view's surface, in the world.
     """
 
     def __init__(self, views: Sequence[DepthImage], boxes: Float64) -> None:
@@ -71,11 +58,7 @@ class Viewpoints:
     def ranked(self, camera: Camera, facing: bool) -> tuple[Float64, list[int]]:
         """Rank the views for a camera without a lens.
 
-        Parameters
-        ----------
-        camera : Camera
-        facing : bool
-            Whether, among views that are about as close, views from the same side of the object come first.
+        With `facing`, among views that are about as close, views from the same side of the object come first.
 
         Returns
         -------

@@ -1,1 +1,1 @@
-"""Triangle meshes, and their textures, heights and tangents."""
+"""Triangle meshes, and their textures, heights and normals."""

@@ -115,6 +115,12 @@ def unit(vectors: Float64, otherwise: Float64) -> Float64:
     return np.where(length > 1e-30, vectors / np.maximum(length, 1e-30), otherwise)
 
 
+def any_tangent(normals: Float64) -> Float64:
+    """(N, 3) unit vectors at right angles to normals."""
+    least = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    return unit(np.cross(normals, least), np.array([1.0, 0.0, 0.0]))
+
+
 def uv_gradients(corners: Float64, uv: Float64) -> tuple[Float64, NDArray[np.bool_]]:
     """Gradients of u and v over triangles with `corners` (T, 3, 3) and `uv` (T, 3, 2).
 

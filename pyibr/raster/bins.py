@@ -24,25 +24,12 @@ _CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
 @dataclass(frozen=True)
 class Bins:
-    """Primitives, sorted into a target's bins.
+    """Primitives, sorted into a target's bins."""
 
-    Attributes
-    ----------
-    grid : (int, int)
-        Work-items of the kernels that draw the bins.
-    region : int
-        Width and height in pixels of the region that a work-item draws.
-    arguments : dict
-        Arguments of these kernels: `list`, the indices of primitives, bin by bin; `starts`, the index in `list` at
-        which each bin begins; and the view.
-    culled : int
-        Triangles to cull, for kernels that do so: a constant of raster/triangle.h.
-    """
-
-    grid: tuple[int, int]
-    region: int
-    arguments: dict[str, Any]
-    culled: int
+    grid: tuple[int, int]  # work-items of the kernels that draw the bins
+    region: int  # width and height in pixels of the region that a work-item draws
+    arguments: dict[str, Any]  # BINS_PARAMETERS of these kernels (kernels/raster/fragment.h)
+    culled: int  # triangles to cull, for kernels that do so: a constant of kernels/raster/triangle.h
 
 
 def bin_defines(corners: int) -> dict[str, int]:

@@ -31,28 +31,20 @@ _DOWN, _PAPER = np.array([0.0, 1.0, 0.0]), (255, 255, 255)
 
 
 def draw_mesh(target: Target, mesh: Mesh, lit: Lighting | None) -> None:
-    """Draw a mesh into the target.
-
-    Parameters
-    ----------
-    target : Target
-    mesh : Mesh
-    lit : Lighting or None
-        None shows the mesh's own colours, unlit.
-    """
+    """Draw a mesh into the target; without `lit`, in its own colours."""
     near = target.near(mesh.bounds)
     buffers = cached_on_device(mesh, "buffers", lambda: _buffers(mesh))
     projected = project(target, buffers["vertices"], near)
     defines: dict[str, int] = bin_defines(3) | target.color_defines
     more: dict[str, Any] = {}
-    if "texels" in buffers:
+    if mesh.texture is not None and mesh.uv is not None:
         defines["TEXTURED"] = 1
-        height, width = _checked(mesh.texture).shape[:2]
+        height, width = mesh.texture.shape[:2]
         more = {"uv": buffers["uv"], "texels": buffers["texels"], "texture_width": width, "texture_height": height}
         more["levels"] = max(width, height).bit_length()
         defines |= target.filter_defines
         more |= target.filter_arguments
-    elif "tints" in buffers:
+    elif mesh.colors is not None:
         defines["TINTED"] = 1
         more = {"tints": buffers["tints"]}
     if lit is not None:
@@ -115,7 +107,8 @@ def _buffers(mesh: Mesh) -> dict[str, DeviceArray]:
     if mesh.texture is not None and mesh.uv is not None:
         made["uv"], made["texels"] = upload(mesh.uv), upload(texture_pyramid(mesh.texture))
     elif mesh.colors is not None:
-        made["tints"] = upload(_unit(mesh.colors))
+        scale = np.float32(1 / 255 if mesh.colors.dtype == np.uint8 else 1)
+        made["tints"] = upload(np.ascontiguousarray(mesh.colors * scale, np.float32))
     return made
 
 
@@ -132,13 +125,3 @@ def _fronts(mesh: Mesh, normals: NDArray[np.float32]) -> NDArray[np.int16]:
         along = (across[some] * normals[mesh.faces[some]].sum(axis=1)).sum(axis=1)
         fronts[some] = np.where(along < 0, -1, 1)
     return fronts
-
-
-def _unit(colors: NDArray[Any]) -> NDArray[np.float32]:
-    scale = np.float32(1 / 255 if colors.dtype == np.uint8 else 1)
-    return np.ascontiguousarray(colors * scale, np.float32)
-
-
-def _checked(texture: NDArray[Any] | None) -> NDArray[Any]:
-    assert texture is not None
-    return texture

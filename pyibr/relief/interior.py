@@ -21,39 +21,18 @@ _OUTSIDE = -1e-6  # least weight of a corner
 
 @dataclass(frozen=True)
 class InteriorPoint:
-    """A point within the relief, below its base.
+    """A point within the relief, below its base."""
 
-    Attributes
-    ----------
-    triangle : int
-        Triangle of the drawn mesh above the point.
-    weights : (3,) float64
-        Weights of the triangle's corners at the point.
-    uv : (2,) float64
-        Tiles included.
-    depth : float
-        Depth below the base, 1 at the bottom of the relief.
-    """
-
-    triangle: int
-    weights: Float64
-    uv: Float64
-    depth: float
+    triangle: int  # of the drawn mesh above the point
+    uv: Float64  # (2,) tiles included
+    depth: float  # below the base, 1 at the bottom of the relief
 
 
 class Interior:
     """A relief's base, for finding points within the relief below it.
 
-    Parameters
-    ----------
-    vertices : (N, 3)
-    offsets : (N, 3)
-        Vectors from the relief's bottom below the vertices to the vertices.
-    uv : (N, 2)
-        Tiles included.
-    faces : (M, 3) int32
-    beside : (M, 3) int32
-        The neighbour's side across each side of the triangles (`sides_beside`).
+    Its arrays are the drawn mesh's vertices (N, 3), uv (N, 2), tiles included, and faces (M, 3); and `offsets` and
+    `beside` of `ReliefSurface`.
     """
 
     def __init__(
@@ -97,7 +76,7 @@ class Interior:
                 return None
             if weights.min() >= _OUTSIDE:
                 uv = weights @ self._uv[self._faces[triangle]]
-                return InteriorPoint(triangle, weights, uv, depth) if 0 < depth < 1 else None
+                return InteriorPoint(triangle, uv, depth) if 0 < depth < 1 else None
             side = int(self._beside[triangle, weights.argmin()])
             if side < 0:
                 return None

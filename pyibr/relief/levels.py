@@ -15,39 +15,19 @@ Float32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class HeightLevels:
-    """All levels of a height map, and a hierarchy of bounds for each.
+    """All levels of a height map, largest first, and a hierarchy of bounds for each, as in kernels/relief/search.h."""
 
-    Attributes
-    ----------
-    texels : (n,) uint32
-        Level by level, largest first. A word of 8-bit heights holds four: a texel, its right neighbour, and the two
-        below. A word of 16-bit heights holds two: a texel and its right neighbour.
-    bounds : (m,) uint16
-        Greatest height, in 65535ths, of the cells between 2x2 texels, then of 2x2 cells, and so on up to a single cell;
-        an even number of bounds, because kernels read two together.
-    table : (levels, LEVEL_INTS of kernels/relief/search.h) int32
-        For each level: width, height and start in `texels`; then its bounds' number of tiers, start, log2 of the rows'
-        length, and span; last, the largest difference between its heights and the first level's, in 65535ths.
-    height_bytes : int
-        1 or 2: the kernels' HEIGHT_BYTES.
-    """
-
-    texels: NDArray[np.uint32]
-    bounds: NDArray[np.uint16]
-    table: NDArray[np.int32]
-    height_bytes: int
+    texels: NDArray[np.uint32]  # words of kernels/lib/heights.h: four heights of 8 bits, or two of 16
+    bounds: NDArray[np.uint16]  # an even number, because kernels read two together
+    table: NDArray[np.int32]  # (levels, LEVEL_INTS)
+    height_bytes: int  # 1 or 2: the kernels' HEIGHT_BYTES
 
 
 def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLevels:
     """Return the levels of heights (h, w) in [0, 1], each half as large as the one before, rounded down.
 
-    Parameters
-    ----------
-    height : (h, w) float32
-    height_bytes : 1 or 2
-        1 if the heights are multiples of 1/255: reading them takes half the time.
-    wrap : (Wrap, Wrap)
-        Along u and v, the neighbours of the last texels: "repeat" the first texels, "clamp" the last texels themselves.
+    `height_bytes` is 1 if the heights are multiples of 1/255: reading them takes half the time. `wrap` gives, along u
+    and v, the neighbours of the last texels: "repeat" the first texels, "clamp" the last texels themselves.
     """
     words: list[NDArray[np.uint32]] = []
     bounds: list[NDArray[np.uint16]] = []
@@ -81,12 +61,7 @@ def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
     """Bounds of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h gives their indices.
 
     The tiers lie side by side, or one below the other if the map is taller than wide. The rows' length is a power of 2.
-
-    Returns
-    -------
-    shape : list of int
-        Number of tiers, log2 of the rows' length, and the span, which each tier halves.
-    tiers : (m,) uint16
+    Returns the number of tiers, log2 of the rows' length, and the span, which each tier halves; and the tiers (m,).
     """
     h, w = cell.shape
     count = (max(w, h) - 1).bit_length() + 1

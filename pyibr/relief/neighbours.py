@@ -48,11 +48,6 @@ def sides_beside(vertices: Float64, faces: NDArray[np.int32]) -> NDArray[np.int3
 
     -1 at borders. Triangles are neighbours across seams of uv. Triangles with two corners at one place, as at the poles
     of a globe, are left out: the triangles at their two sides are neighbours.
-
-    Parameters
-    ----------
-    vertices : (N, 3) float64
-    faces : (M, 3) int32
     """
     place = place_of(vertices.astype(np.float32))
     ends = place[faces]

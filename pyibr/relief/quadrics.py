@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.normals import areas, place_of, summed, summed_at_places, unit, unit_or_up, uv_gradients
+from pyibr.meshes.normals import (
+    any_tangent,
+    areas,
+    place_of,
+    summed,
+    summed_at_places,
+    unit,
+    unit_or_up,
+    uv_gradients,
+)
 from pyibr.relief.neighbours import place_and_way
 
 _SINGULAR = 1e-6  # values below this, relative to the largest value, are rounding errors
@@ -27,23 +36,14 @@ _BELOW = -0.1  # cosine between the mean normal and the direction into a triangl
 class VertexFrames:
     """A mesh's vertices for relief mapping.
 
-    Attributes
-    ----------
-    normals : (N, 3) float64
-        Unit length.
-    gradients : (N, 2, 3) float64
-        Gradients of u and v (tiled), in the tangent plane, per scene unit: 1 / length is a tile's size there. Zero
-        where no triangle with usable uv meets the vertex.
-    quadrics : (N, 3) float64
-        a, b and c, per scene unit.
-    planar : (N,) bool
-        True where no quadric could be fitted: the neighbours lie on a line through the vertex. a = b = c = 0.
+    The gradients are zero where no triangle with usable uv meets the vertex. The quadrics are zero where the vertex is
+    planar: its neighbours lie on a line through it.
     """
 
-    normals: Float64
-    gradients: Float64
-    quadrics: Float64
-    planar: NDArray[np.bool_]
+    normals: Float64  # (N, 3) unit length
+    gradients: Float64  # (N, 2, 3) of tiled u and v, in the tangent plane, per scene unit: 1 / length is a tile's size
+    quadrics: Float64  # (N, 3) a, b and c, per scene unit
+    planar: NDArray[np.bool_]  # (N,)
 
 
 def split_at_mirrors(mesh: Mesh) -> Mesh:
@@ -123,7 +123,7 @@ def vertex_frames(mesh: Mesh, tiles: tuple[int, int]) -> VertexFrames:
 
 def fitted_gradients(vertices: Float64, faces: NDArray[np.int32], normals: Float64, uv: Float64) -> Float64:
     """(N, 2, 3) gradients of u and v in the tangent planes: least squares over the triangles' edges at each vertex."""
-    x_axis = _any_tangent(normals)
+    x_axis = any_tangent(normals)
     y_axis = np.cross(normals, x_axis)
     usable = uv_gradients(vertices[faces], uv[faces])[1]
     corner = faces[usable]
@@ -157,20 +157,8 @@ def fitted_quadrics(
     itself. If the neighbours do not determine all three coefficients, as at corners, the smallest quadric that fits is
     taken. Its size is measured in coordinates in which the neighbours are spread evenly, so that uv does not matter.
 
-    Parameters
-    ----------
-    vertices : (N, 3) float64
-    faces : (M, 3) int32
-    normals : (N, 3) float64
-        Unit length: z.
-    along_x : (N, 3) float64
-        In the tangent plane, of any length.
-
-    Returns
-    -------
-    quadrics : (N, 3) float64
-    planar : (N,) bool
-        True where the neighbours determine no quadric, because they lie on a line through the vertex; a = b = c = 0.
+    The unit `normals` are z; `along_x`, (N, 3), lies in the tangent plane and has any length. Returns `quadrics` and
+    `planar` of `VertexFrames`.
     """
     place = place_and_way(vertices, normals)
     count = int(place.max()) + 1
@@ -187,7 +175,7 @@ def fitted_quadrics(
     offset = np.arange(len(owner)) - np.repeat(np.cumsum(neighbours) - neighbours, neighbours)
     away = vertices[first[other[start[place[owner]] + offset]]] - vertices[owner]
 
-    x_axis = unit(along_x, _any_tangent(normals))
+    x_axis = unit(along_x, any_tangent(normals))
     axes = x_axis, np.cross(normals, x_axis), normals
     x, y, z = (np.einsum("nc,nc->n", away, axis[owner]) for axis in axes)
     quadrics, solved = _fitted_forms(owner, x, y, z, len(vertices))
@@ -230,9 +218,3 @@ def _least_forms(owner: NDArray[np.int64], x: Float64, y: Float64, z: Float64, c
     parts = np.einsum("nij,ni->nj", axes, right) * determined / np.where(determined, values, 1.0)
     a, b, c = np.einsum("nij,nj->in", axes, parts)
     return np.stack([a, c / np.sqrt(2), c / np.sqrt(2), b], axis=1).reshape(-1, 2, 2)
-
-
-def _any_tangent(normals: Float64) -> Float64:
-    """Return unit vectors at right angles to the normals."""
-    least = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    return unit(np.cross(normals, least), np.array([1.0, 0.0, 0.0]))

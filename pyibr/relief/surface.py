@@ -50,15 +50,10 @@ class ReliefSurface(HeightMapped):
         With uv. The relief lies below the fronts of its triangles; a perspective camera may go down into it.
     height : (h, w) float32 in [0, 1], or uint8, uint16
         1 is the base, 0 is `scale` below it. Bilinear between texel centres; uint8 is kept in 8 bits, others in 16.
-    color : (h', w', 3) uint8, or float32 in [0, 1]
-        Over the same uv.
+    color, tiles, normal_map, wrap
+        As for `SlicedSurface`.
     scale : float
         The depth of height 0, in scene units.
-    tiles : (int, int)
-        Number of repetitions of height and colour along u and v.
-    normal_map : (h'', w'', 3) float32 or uint8, optional
-        Unit normals in tangent space, for lights: x along u, y along v (down the image), z along the normal. Bytes
-        are decoded as x / 127.5 - 1. Without a map, normals follow from the slopes of the heights.
     silhouette : {"quadric", "none"}
         "quadric": the relief follows a quadric fitted to each vertex's neighbours, so that rays at silhouettes come out
         again; "none": it is flat at each pixel, as in earlier relief mapping, and covers the whole mesh.
@@ -79,15 +74,6 @@ class ReliefSurface(HeightMapped):
         second search from each point towards the light, and the map beyond this relief. Without texels, small tiles
         show no moire. But each pixel takes another search, and other things within the relief, below the base, cast no
         shadow on it.
-    wrap : {"repeat", "clamp"}, or a pair of these
-        How heights, colours and normals continue beyond the centres of the outermost texels. "repeat" continues on the
-        other side of the map; "clamp" continues with the values at the border, for maps that do not tile, and needs
-        `tiles` of 1. A pair sets u and v separately: ("repeat", "clamp") for maps of a globe.
-
-    Attributes
-    ----------
-    planar_vertices : int
-        Number of vertices whose neighbours determine no quadric: there the relief is flat.
 
     Raises
     ------
@@ -183,12 +169,16 @@ class ReliefSurface(HeightMapped):
     @cached_property
     def vertex_rows(self) -> NDArray[np.float32]:
         """(N, VERTEX_FLOATS) data of each drawn vertex for the kernels (kernels/relief/entry.h)."""
-        uv, frames = np.asarray(self.drawn.uv, np.float64) * self.tiles, self.frames
-        rows = np.zeros((len(uv), int(constant("relief/entry.h", "VERTEX_FLOATS"))), np.float32)
-        parts = [uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
-        values = np.concatenate(parts, axis=1)
-        rows[:, : values.shape[1]] = values
-        return rows
+        frames = self.frames
+        parts = [self._uv, frames.normals, frames.gradients.reshape(-1, 6), frames.quadrics]
+        values = np.concatenate(parts, axis=1, dtype=np.float32)
+        unused = int(constant("relief/entry.h", "VERTEX_FLOATS")) - values.shape[1]
+        return np.pad(values, ((0, 0), (0, unused)))
+
+    @property
+    def _uv(self) -> NDArray[np.float64]:
+        """(N, 2) uv of the drawn vertices, tiles included."""
+        return np.asarray(self.drawn.uv, np.float64) * self.tiles
 
     @cached_property
     def beside(self) -> NDArray[np.int32]:
@@ -204,8 +194,7 @@ class ReliefSurface(HeightMapped):
     def prism_rows(self) -> NDArray[np.float32]:
         """(M, PRISM_FLOATS) data of each drawn triangle for walks (kernels/relief/walk.h)."""
         mesh = self.drawn
-        uv = np.asarray(mesh.uv, np.float64) * self.tiles
-        corners = np.concatenate([mesh.vertices, self.offsets, uv], axis=1, dtype=np.float32)
+        corners = np.concatenate([mesh.vertices, self.offsets, self._uv], axis=1, dtype=np.float32)
         rows = np.zeros((len(mesh.faces), int(constant("relief/walk.h", "PRISM_FLOATS"))), np.float32)
         rows[:, :24] = corners[mesh.faces].reshape(-1, 24)
         rows[:, 24:27] = self.beside.view(np.float32)
@@ -214,20 +203,12 @@ class ReliefSurface(HeightMapped):
     @cached_property
     def interior(self) -> Interior:
         """Search for the base above a point within the relief."""
-        uv = np.asarray(self.drawn.uv, np.float64) * self.tiles
-        return Interior(self.drawn.vertices, self.offsets, uv, self.drawn.faces, self.beside)
+        return Interior(self.drawn.vertices, self.offsets, self._uv, self.drawn.faces, self.beside)
 
     def interior_point(self, camera: Camera) -> InteriorPoint | None:
         """Locate a camera's eye within the relief, below the base and above the relief's surface.
 
-        Parameters
-        ----------
-        camera : Camera
-
-        Returns
-        -------
-        InteriorPoint or None
-            None if the eye is outside, or the camera is orthographic.
+        Returns None if the eye is outside, or the camera is orthographic.
         """
         eye, (low, high) = camera.center, self.bounds
         if camera.projection == "orthographic" or (eye < low).any() or (eye > high).any():
@@ -237,7 +218,7 @@ class ReliefSurface(HeightMapped):
 
     @property
     def planar_vertices(self) -> int:
-        """Number of vertices whose neighbours determine no quadric."""
+        """Number of vertices whose neighbours determine no quadric: there the relief is flat."""
         return int(self.frames.planar[: len(self.base.vertices)].sum())
 
     @cached_property
@@ -246,11 +227,7 @@ class ReliefSurface(HeightMapped):
         return height_levels(self.height, self._height_bytes, self.wrap)
 
     def tile_coordinates(self, camera: Camera) -> Float32:
-        """Compute the tile coordinates of the relief for each pixel of a picture.
-
-        Parameters
-        ----------
-        camera : Camera
+        """Compute the tile coordinates of the relief for each pixel of a camera's picture.
 
         Returns
         -------
@@ -277,15 +254,8 @@ def draw_relief(
 ) -> None:
     """Draw a relief into the target.
 
-    Parameters
-    ----------
-    target : Target
-    surface : ReliefSurface
-    lit : Lighting, optional
-    counters : DeviceArray (H, W, 2) int32, optional
-        Each pixel's searches and their steps are added to it; steps include halvings and the safe search within cells.
-    places : DeviceArray (H, W, 2) float32, optional
-        Receives u and v in the tile, for a blank target.
+    `counters`, (H, W, 2) int32, gain each pixel's searches and their steps, with halvings and safe searches in cells.
+    `places`, (H, W, 2) float32, receive u and v in the tile, for a blank target.
     """
     buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
     near = target.near(surface.base.bounds)

@@ -23,18 +23,10 @@ _CARVED = 64  # smallest number of cells along the longest edge of the found box
 
 @dataclass(frozen=True)
 class Box:
-    """An oriented box around an object, in the world.
+    """An oriented box around an object, in the world."""
 
-    Attributes
-    ----------
-    axes : (3, 3) float64
-        Unit vectors along the edges, as rows.
-    low, high : (3,) float64
-        Extent along `axes`.
-    """
-
-    axes: Float64
-    low: Float64
+    axes: Float64  # (3, 3) unit vectors along the edges, as rows
+    low: Float64  # (3,) extent along `axes`
     high: Float64
 
     @property
@@ -69,15 +61,7 @@ class Box:
 
 
 class DepthExtent:
-    """Extent of an object, from the samples of a depth image.
-
-    Attributes
-    ----------
-    some : (N, 3) float64
-        Some 500 to 1000 of its samples, in the world.
-    least, nearest, farthest : float
-        Depths; `nearest` leaves out the nearest hundredth of the samples, which may be wrong.
-    """
+    """Extent of an object, from the samples of a depth image."""
 
     def __init__(self, view: DepthImage) -> None:
         self._view = ref(view)
@@ -85,10 +69,11 @@ class DepthExtent:
         some = np.flatnonzero(view.valid)
         few = len(some) // 100
         depth = view.depth[view.valid]
-        self.nearest = float(np.partition(depth, few)[few])
+        self.nearest = float(np.partition(depth, few)[few])  # the nearest hundredth of the samples may be wrong
         self.least, self.farthest = float(depth.min()), float(depth.max())
         some = some[:: max(len(some) // 500, 1)]
         y, x = np.divmod(some, view.camera.width)
+        # (N, 3) some 500 to 1000 of the samples, in the world
         self.some = view.camera.unproject(np.column_stack([x, y]), view.depth.ravel()[some])
 
     def extent(self, axes: Float64) -> tuple[Float64, Float64]:
@@ -156,13 +141,7 @@ def _seen_from(
 class Outline:
     """Tests of points against a silhouette's outline.
 
-    Attributes
-    ----------
-    camera : Camera
-    middle : (2,) float64
-        Middle of the silhouette's samples, x and y.
-    across : float
-        Length of the diagonal of the silhouette's bounding rectangle, in samples.
+    The bounding rectangle of the silhouette has its centre at `middle`, (2,), and a diagonal `across` samples long.
     """
 
     def __init__(self, view: Silhouette | DepthImage) -> None:

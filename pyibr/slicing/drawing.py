@@ -35,21 +35,25 @@ _AGREEING = 3.0  # k + 1 is a third of the number of images: for the paper's six
 _BEHIND = 8.0  # largest distance, in samples, from a view's surface back to the object's surface
 
 
-def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None, normals: bool) -> None:
-    """Draw a solid in its views' colours, with light on it; `normals`: whether the views' normals relight it."""
+def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None) -> None:
+    """Draw a solid in its views' colours, with light on it."""
     cameras = [target.camera, *(() if lighting is None else lighting.cameras)]
     # The shadow map shows the surface up to one spacing too near, and the picture half a spacing too far.
     bias = 1.5 * max(spacing_in(thing, camera)[0] for camera in cameras)
-    draw_object(
-        target, thing, entry=entry_for(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, normals=normals)
-    )
+    # The depths of a hull's views do not fit the hull, so only given normals relight it.
+    normals = not thing.silhouettes or all(view.normals is not None for view in thing.views)
+    entry = entry_for(target, lighting, bias=bias, apart=_NEIGHBOUR_OFFSET, fade=0, normals=normals)
+    draw_object(target, thing, entry=entry)
 
 
 def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = None, entry: Entry = NO_ENTRY) -> None:
     """Draw an object into the target; `counters`, (H, W) int32, gains the view tests of each pixel."""
     buffers = buffers_of(thing)
     if entry.normals:
-        entry = entry.with_arrays(normals=cached_on_device(thing, "normals", lambda: _normals_of(thing)))
+        words = cached_on_device(
+            thing, "normals", lambda: joined([words_of(showing_normals(view)) for view in thing.views])
+        )
+        entry = entry.with_arrays(normals=words)
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = (directions * _direction(camera, box)).sum(axis=1)  # bit-exact for each view, independent of the others
@@ -196,14 +200,10 @@ def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
 def _ribbons_of(thing: Solid) -> dict[str, DeviceArray]:
     """Upload the views' ribbons: the index of each sample's first ribbon, then the total; and the records."""
     found = [ribbons_of(view) for view in thing.views]
-    none = np.zeros((1, int(constant("slicing/ribbon_record.h", "RIBBON_FLOATS"))), np.float32)
-    records = np.concatenate([one.records for one in found])
-    firsts = np.cumsum(np.concatenate([np.zeros(1, np.int32), *(one.counts.ravel() for one in found)]), dtype=np.int32)
+    none = np.zeros((1, int(constant("slicing/records.h", "RIBBON_FLOATS"))), np.float32)
+    records = np.concatenate([records for _, records in found])
+    firsts = np.cumsum(np.concatenate([np.zeros(1, np.int32), *(counts for counts, _ in found)]), dtype=np.int32)
     return {"firsts": upload(firsts), "ribbons": upload(records if len(records) else none)}
-
-
-def _normals_of(thing: Solid) -> DeviceArray:
-    return joined([words_of(showing_normals(view)) for view in thing.views])
 
 
 def joined(images: Sequence[NDArray[Any]]) -> DeviceArray:

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
 from pyibr.opencl.memory import DeviceArray
-from pyibr.picture.shadow import Lighting
-from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted, undistorted_silhouette
 from pyibr.slicing.boxes import box_of_silhouettes
-from pyibr.slicing.drawing import draw_in_light, joined
+from pyibr.slicing.drawing import joined
 from pyibr.slicing.meshing import MeshableSolid
 from pyibr.slicing.solid import SolidSlicing, View, checked_views, words_of
 from pyibr.slicing.spacing import Slices
@@ -69,11 +67,6 @@ class VisualHull(MeshableSolid):
     ) -> None:
         super().__init__(checked_views(views, _KINDS), slices, slicing, halvings, only)
         self.box = box_of_silhouettes([self.views[number] for number in self.tested])
-
-    def draw(self, target: Target, lighting: Lighting | None) -> None:
-        """Draw the object in its views' colours, which include their light, unless a light relights them."""
-        given = all(view.normals is not None for view in self.views)
-        draw_in_light(target, self, lighting, normals=given)  # the depths of views do not fit the hull
 
     @cached_property
     def outlines(self) -> list[int]:

@@ -21,7 +21,9 @@ from pyibr.opencl.device import current, one_call
 from pyibr.opencl.launch import launch
 from pyibr.opencl.memory import empty, upload
 from pyibr.opencl.program import kernel
-from pyibr.slicing.drawing import buffers_of, outline_of, ribbons_on_device
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+from pyibr.slicing.drawing import buffers_of, draw_in_light, outline_of, ribbons_on_device
 from pyibr.slicing.solid import Solid
 
 _log = logging.getLogger("pyibr")
@@ -41,7 +43,11 @@ _HIDDEN = 4.0  # sample distances by which an occluded point lies behind its occ
 
 
 class MeshableSolid(Solid):
-    """Solid that can be converted to a mesh."""
+    """Solid that can be drawn, and converted to a mesh."""
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw the object in its views' colours, which include their light, unless a light relights them."""
+        draw_in_light(target, self, lighting)
 
     def to_mesh(self, resolution: int = 128) -> Mesh:
         """Return the solid as a closed mesh, in its views' colours.
@@ -75,45 +81,39 @@ class MeshableSolid(Solid):
         [3.0, 3.0, 1.0]
         >>> ibr.VisualHull(object_views(models.donut(), 64)).to_mesh(48).save("hull.glb")
         """
-        return mesh_of(self, resolution)
+        integer_from("resolution", resolution, 1, RESOLUTION_MAX)
+        box = self.box
+        cell = float(box.edges.max()) / resolution
+        # Points are the centres of cells. One more layer of cells all round lies beyond the box, outside the solid.
+        shape = tuple(int(n) for n in np.ceil(box.edges / cell - 1e-6).astype(int) + 2)
+        origin = 0.5 * (box.low + box.high) - 0.5 * cell * (np.array(shape) - 1)
 
+        def places(nodes: Int64) -> Float64:
+            return (origin + cell * np.stack(np.unravel_index(nodes, shape), axis=-1)) @ box.axes
 
-def mesh_of(thing: Solid, resolution: int) -> Mesh:
-    """Return a solid's closed surface, facing outwards; `resolution`: grid cells along the box's longest edge."""
-    integer_from("resolution", resolution, 1, RESOLUTION_MAX)
-    box = thing.box
-    cell = float(box.edges.max()) / resolution
-    # Points are the centres of cells. One more layer of cells all round lies beyond the box, outside the solid.
-    shape = tuple(int(n) for n in np.ceil(box.edges / cell - 1e-6).astype(int) + 2)
-    origin = 0.5 * (box.low + box.high) - 0.5 * cell * (np.array(shape) - 1)
-
-    def places(nodes: Int64, offsets: Float64 | float = 0.0) -> Float64:
-        return (origin + cell * (np.stack(np.unravel_index(nodes, shape), axis=-1) + offsets)) @ box.axes
-
-    inside = np.zeros(shape, np.bool_)
-    inner = np.arange(inside.size).reshape(shape)[1:-1, 1:-1, 1:-1].ravel()
-    told = time.monotonic()
-    for first in range(0, len(inner), _AT_ONCE):
-        some = inner[first : first + _AT_ONCE]
-        inside.ravel()[some] = contains(thing, places(some))
-        if time.monotonic() - told > _SILENT_MAX:
-            told = time.monotonic()
-            _log.info("making a mesh: %.0f %% of its grid is tested", 100 * (first + len(some)) / len(inner))
-    if not inside.any():
-        raise ArgumentError(
-            "resolution", "a resolution fine enough for the object", f"{resolution}, with no grid point inside"
-        )
-    ends, faces = _crossed(inside)
-    within, without = places(ends[:, 0]), places(ends[:, 1])
-    low, high = np.zeros(len(ends)), np.ones(len(ends))
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        held = contains(thing, within + middle[:, None] * (without - within))
-        low, high = np.where(held, middle, low), np.where(held, high, middle)
-    part = np.clip(0.5 * (low + high), _MARGIN, 1 - _MARGIN)[:, None]
-    points = within + part * (without - within)
-    bare = Mesh(points, faces)
-    return Mesh(points, faces, colors=colors_of(thing, points, bare.smooth_normals.astype(np.float64)))
+        inside = np.zeros(shape, np.bool_)
+        inner = np.arange(inside.size).reshape(shape)[1:-1, 1:-1, 1:-1].ravel()
+        told = time.monotonic()
+        for first in range(0, len(inner), _AT_ONCE):
+            some = inner[first : first + _AT_ONCE]
+            inside.ravel()[some] = contains(self, places(some))
+            if time.monotonic() - told > _SILENT_MAX:
+                told = time.monotonic()
+                _log.info("making a mesh: %.0f %% of its grid is tested", 100 * (first + len(some)) / len(inner))
+        if not inside.any():
+            got = f"{resolution}, with no grid point inside"
+            raise ArgumentError("resolution", "a resolution fine enough for the object", got)
+        ends, faces = _crossed(inside)
+        within, without = places(ends[:, 0]), places(ends[:, 1])
+        low, high = np.zeros(len(ends)), np.ones(len(ends))
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            held = contains(self, within + middle[:, None] * (without - within))
+            low, high = np.where(held, middle, low), np.where(held, high, middle)
+        part = np.clip(0.5 * (low + high), _MARGIN, 1 - _MARGIN)[:, None]
+        points = within + part * (without - within)
+        normals = Mesh(points, faces).smooth_normals.astype(np.float64)
+        return Mesh(points, faces, colors=colors_of(self, points, normals))
 
 
 def contains(thing: Solid, points: Float64) -> Mask:

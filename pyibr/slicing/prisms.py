@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
 from pyibr.meshes.mesh import Mesh
-from pyibr.meshes.normals import place_of, unit, uv_gradients
+from pyibr.meshes.normals import any_tangent, place_of, unit, uv_gradients
 
 Float32 = NDArray[np.float32]
 
@@ -21,42 +21,20 @@ _FLAT = 1e-6  # height over longest side below which float32 treats a triangle a
 
 @dataclass(frozen=True)
 class Volume:
-    """A displacement volume: a prism for each triangle, with walls shared by neighbours.
+    """A displacement volume: a prism for each triangle, with walls shared by neighbours."""
 
-    Attributes
-    ----------
-    points : (V, 3) float32
-        Corners, in the world: the base's vertices, then their copies moved by `scale`.
-    uv : (V / 2, 2) float32
-        u and v (tiled) of the base's vertices.
-    corners : (T, 6) int32
-        Corners of the prisms: the triangle's, then the corners above them.
-    frames : (T, 3, 3) float32
-        The slicing directions a (the normal), b (along u) and c (along v): unit length, at right angles.
-    tilts : (T, 3, 3) float32
-        Vectors from each corner to the corner above it, in units of the triangle's sides from its first corner to the
-        second and to the third, and of `scale` times a.
-    ends : (T,) int32
-        1: a side of the triangle is a border of the mesh.
-    gradients : (T, 2, 3) float32
-        Gradients of u and v (tiled), in the world.
-    normals : (V / 2, 3) float32
-        Normals of the base's vertices, unit length.
-    bounds : low (3,), high (3,)
-    """
-
-    points: Float32
-    uv: Float32
-    corners: NDArray[np.int32]
-    frames: Float32
-    tilts: Float32
-    ends: NDArray[np.int32]
-    gradients: Float32
-    normals: Float32
+    points: Float32  # (V, 3) in the world: the base's vertices, then their copies moved by `scale`
+    uv: Float32  # (V / 2, 2) tiled, of the base's vertices
+    corners: NDArray[np.int32]  # (T, 6) of the prisms: the triangle's, then the corners above them
+    frames: Float32  # (T, 3, 3) slicing directions a (normal), b (along u), c (along v): unit length, at right angles
+    tilts: Float32  # (T, 3, 3) vectors from each corner to the corner above it, as in kernels/slicing/surface.cl
+    ends: NDArray[np.int32]  # (T,) 1: a side of the triangle is a border of the mesh
+    gradients: Float32  # (T, 2, 3) of u and v (tiled), in the world
+    normals: Float32  # (V / 2, 3) of the base's vertices, unit length
 
     @cached_property
     def bounds(self) -> tuple[Float32, Float32]:
-        """Bounds of the points that prisms use."""
+        """(low, high), each (3,): bounds of the points that prisms use."""
         used = self.points[self.corners.ravel()] if len(self.corners) else self.points
         return used.min(axis=0), used.max(axis=0)
 
@@ -122,8 +100,7 @@ def _frames(corners: Float64, normals: Float64, uv: Float64) -> tuple[Float64, F
     a = unit(np.cross(sides[:, 0], sides[:, 1]), np.array([0.0, 0.0, 1.0]))
     a *= np.where((a * normals.sum(axis=1)).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
     gradients = uv_gradients(corners, uv)[0]
-    least = np.eye(3)[np.abs(a).argmin(axis=1)]
-    b = unit(gradients[:, 0], unit(np.cross(a, least), np.array([1.0, 0.0, 0.0])))
+    b = unit(gradients[:, 0], any_tangent(a))
     c = np.cross(a, b)
     c *= np.where((c * gradients[:, 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
     return np.stack([a, b, c], axis=1), gradients

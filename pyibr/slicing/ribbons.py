@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,20 +19,9 @@ _CUT_RATIO = 1.05  # the default of pictures
 _TOUCHING = 1e-4  # samples: overlaps of this size are rounding errors
 
 
-@dataclass(frozen=True)
-class Ribbons:
-    """The ribbons of a view.
-
-    Attributes
-    ----------
-    counts : (H, W) int32
-        Number of ribbons that cover a part of each sample's square.
-    records : (N, 8) float32
-        Ribbons of each sample, one sample after the other, as kernels/slicing/ribbons.cl writes them.
-    """
-
-    counts: NDArray[np.int32]
-    records: NDArray[np.float32]
+Ribbons = tuple[NDArray[np.int32], NDArray[np.float32]]
+"""Counts (H * W,) of the ribbons that cover a part of each sample's square; and the records (N, 8) of each sample's
+ribbons, one sample after the other, as kernels/slicing/ribbons.cl writes them."""
 
 
 def ribbons_of(view: DepthImage) -> Ribbons:
@@ -73,5 +60,5 @@ def _by_sample(records: NDArray[np.float32], width: int, height: int) -> Ribbons
         which.append(np.flatnonzero(covers))
     every = np.concatenate([np.empty(0, np.intp), *at])
     order = np.argsort(every, kind="stable")
-    counts = np.bincount(every, minlength=width * height).reshape(height, width).astype(np.int32)
-    return Ribbons(counts, records[np.concatenate([np.empty(0, np.intp), *which])[order]])
+    counts = np.bincount(every, minlength=width * height).astype(np.int32)
+    return counts, records[np.concatenate([np.empty(0, np.intp), *which])[order]]

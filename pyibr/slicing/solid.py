@@ -29,26 +29,14 @@ _Known = TypeVar("_Known")
 
 
 class Solid(Immutable):
-    """Solid that is the intersection of images from all sides, drawn by slices.
+    """Solid that is the intersection of images from all sides, drawn by slices; for its options see `DepthObject`."""
 
-    Attributes
-    ----------
-    views : list of DepthImage or Silhouette
-        Without lenses.
-    box : Box
-        Box around the solid.
-    texture, missing, thin
-        As for `DepthObject`.
-    silhouettes : bool
-        Whether views test points with masks, not with nearness.
-    """
-
-    views: list[Any]
+    views: list[Any]  # of DepthImage or Silhouette, without lenses
     box: Box
     texture: Texture = "naive"
     missing: Missing = "empty"
     thin: bool = False
-    silhouettes: bool = False
+    silhouettes: bool = False  # views test points with masks, not with nearness
 
     def __init__(
         self, views: list[Any], slices: Slices, slicing: SolidSlicing, halvings: int, only: int | None

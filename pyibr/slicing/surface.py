@@ -22,7 +22,12 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_defines, bin_primitives, project
-from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments, wrap_defines
+from pyibr.raster.height_mapped import (
+    color_arguments,
+    map_buffers,
+    normal_arguments,
+    wrap_defines,
+)
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_slices, slices_text
 
@@ -193,7 +198,7 @@ def draw_surface(
         by_view=surface.slices == "view",
         halvings=surface.halvings,
         slicing=constant("slicing/prisms.h", surface.slicing.upper()),
-        test=constant("slicing/alpha_test.h", surface.test.upper()),
+        test=constant("slicing/prisms.h", surface.test.upper()),
         band=surface.band or 0.0,
         map_width=surface.height.shape[1],
         map_height=surface.height.shape[0],

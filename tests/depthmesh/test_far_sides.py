@@ -142,7 +142,7 @@ def test_what_goes_on_behind_a_step(size, projection):
     view = stepped(size, projection)
     words = np.where(view.depth > STEP, np.uint32(0xFF323232), np.uint32(0xFFC8C8C8))
     mesh = ibr.DepthMesh(view, segmentation=Segmentation("disparity", gap=0.1))  # tears the step at any image size
-    found = far_sides_of(mesh, view.depth)
+    found = far_sides_of(mesh.tree, view.depth)
     depth, color = found.depth, found.colored(words)
     assert depth.dtype == np.float32 and color.dtype == np.uint32
     np.testing.assert_allclose(depth, 4, rtol=1e-6)  # the far plane continues at its constant depth
@@ -157,14 +157,14 @@ def test_nothing_goes_on_where_there_is_no_edge(projection):
     holed[3:5, 4:9] = 0  # a hole has no far side
     for limit in (flat.depth, holed):
         view = DepthImage(flat.color, limit, flat.camera)
-        found = far_sides_of(ibr.DepthMesh(view), limit)
+        found = far_sides_of(ibr.DepthMesh(view).tree, limit)
         np.testing.assert_array_equal(found.depth, limit)
         np.testing.assert_array_equal(found.colored(words), words)
 
 
 def test_background_goes_on_as_background():
     view = stepped((31, 17), "perspective", np.inf)
-    assert np.isinf(far_sides_of(ibr.DepthMesh(view), view.depth).depth).all()
+    assert np.isinf(far_sides_of(ibr.DepthMesh(view).tree, view.depth).depth).all()
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -175,7 +175,7 @@ def test_background_lends_no_colour_to_what_goes_on_beside_it(projection):
     color = np.select([x < 6, x < 20], [np.uint8(50), np.uint8(200)], np.uint8(0))
     view = DepthImage(np.repeat(color[..., None], 3, axis=2), depth, scenes.source_camera((31, 17), projection))
     words = np.select([x < 6, x < 20], [np.uint32(0xFF323232), np.uint32(0xFFC8C8C8)], np.uint32(0))
-    found = far_sides_of(ibr.DepthMesh(view, segmentation=Segmentation("disparity", gap=0.1)), view.depth)
+    found = far_sides_of(ibr.DepthMesh(view, segmentation=Segmentation("disparity", gap=0.1)).tree, view.depth)
     surface = found.hidden & np.isfinite(found.depth)
     assert surface.sum() > 60
     np.testing.assert_array_equal(found.colored(words)[surface], 0xFF323232)

@@ -17,7 +17,7 @@ def test_samples_count_by_their_distance_to_the_ends(projection):
     size = (61, 47)
     view = rough(np.random.default_rng(0), size, projection, noise=0.002, holes=0.002)
     mesh = ibr.DepthMesh(view)
-    found, drawn = feathers_of(mesh), np.pad(cells_of(mesh).all(axis=2), 1)
+    found, drawn = feathers_of(mesh.tree), np.pad(cells_of(mesh).all(axis=2), 1)
     ends = np.argwhere(~(drawn[1:, 1:] & drawn[1:, :-1] & drawn[:-1, 1:] & drawn[:-1, :-1]))
     distance = np.abs(np.indices(size[::-1])[..., None] - ends.T[:, None, None]).max(axis=0).min(axis=-1)
     assert len(np.unique(distance)) > FADED and (~view.valid).any()

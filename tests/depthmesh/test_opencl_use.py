@@ -27,8 +27,7 @@ def test_trees_in_one_lane(test, projection):
         def made(view: DepthImage = view, rule: Segmentation = rule, camera: ibr.Camera = camera) -> list[np.ndarray]:
             thing = ibr.DepthMesh(DepthImage(view.color, view.depth, view.camera), segmentation=rule)
             tree, side = thing.tree, thing.tree.side
-            known = tree.errors.errors.to_host()[:, : side + 1]
-            fields = [a.to_host()[:, : side + 1] for a in (tree.errors.radii, tree.errors.depths, tree.states)]
+            known, *fields = (a.to_host()[:, : side + 1] for a in (*tree.errors.values(), tree.states))
             meshes = [thing.triangulate(camera, tolerance=t) for t in (0, 1.5)] + [
                 thing.simplify(e) for e in (0.011, 0.2)
             ]

@@ -56,9 +56,7 @@ def fields(tree: reference.Tree, side: int) -> tuple[np.ndarray, ...]:
 def test_errors_spheres_and_states():
     for name, thing, twin_tree in all_kinds():
         tree, side = thing.tree, thing.tree.side
-        known = tree.errors
-        arrays = known.errors, known.radii, known.depths, tree.states
-        found = [a.to_host()[:, : side + 1] for a in arrays]
+        found = [a.to_host()[:, : side + 1] for a in (*tree.errors.values(), tree.states)]
         errors, radii, depths, states = fields(twin_tree, side)
         some = errors >= 0
         assert side == 1 or some.any()
@@ -73,8 +71,7 @@ def test_parents_hold_their_children():
     """A parent's error is no less than its children's, and its sphere holds theirs: each vertex can decide alone."""
     for name, thing, structure in all_kinds():
         tree = thing.tree
-        arrays = tree.errors.errors, tree.errors.radii, tree.errors.depths
-        kept = [a.to_host()[:, : tree.side + 1].astype(np.float64) for a in arrays]
+        kept = [a.to_host()[:, : tree.side + 1].astype(np.float64) for a in tree.errors.values()]
         errors, radii, depths = (np.where(kept[0] >= 0, a, 0 if a is not kept[0] else -1) for a in kept)
         for corner, vertex in structure.vertices.items():
             x, y = corner

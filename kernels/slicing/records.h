@@ -1,5 +1,8 @@
-#ifndef SLICING_CELL_BITS_H
-#define SLICING_CELL_BITS_H
+#ifndef SLICING_RECORDS_H
+#define SLICING_RECORDS_H
+/* Ribbons (lib/ribbons.h) in memory, from ribbons.cl to object.cl: x, y, dx, dy, n, gu, gv, ends */
+#define RIBBON_FLOATS 8
+
 /* A view's map is two images (slicing/cells.cl). The first holds the nearness of the samples. Its last bits give the
  * kind of the cell between a sample and its three neighbours to the right and below; 0 is a bilinear surface. */
 #define EMPTY_CELL 1   /* no surface */
