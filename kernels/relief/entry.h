@@ -1,11 +1,11 @@
 #ifndef RELIEF_ENTRY_H
 #define RELIEF_ENTRY_H
-/* A relief, and the entry of a pixel's ray: the vertices' frames and quadrics there, and the ray in texture space
+/* A relief, and the entry of a pixel's ray: the interpolated frame and quadric there, and the ray in texture space
  * (Oliveira & Policarpo 2005, sections 3.3 and 3.4).
  *
  * faces: (triangles, 3) vertex indices. projected: (vertices, 4), raster/bins.cl. vertices: (vertices,
- * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c. texels, bounds, levels:
- * search.h. prisms: walk.h.
+ * VERTEX_FLOATS) u, v, normal, gradient of u, gradient of v (world, per scene unit), a, b, c of the quadric. texels,
+ * bounds, levels: search.h. prisms: walk.h.
  */
 #include "lib/texture.h"
 #include "lib/vectors.h"
@@ -16,8 +16,8 @@
 
 #define LINEAR 0
 #define SAFE 1
-#define FLAT_MAX 1e-5f       /* curvature times depth: surfaces below it count as planes */
-#define COSINE_MIN 1e-3f     /* least cosine at an entry: interpolated normals may point away at outlines */
+#define FLAT_MAX 1e-5f       /* curvature times the relief's depth: surfaces with less count as planes */
+#define COSINE_MIN 1e-3f     /* least cosine of the ray and the normal: at outlines, normals may point away */
 
 typedef struct {
     global const int *faces;
@@ -27,7 +27,7 @@ typedef struct {
     global const int *levels;
     int level_count;
     Screen screen;
-    float scale, pixel_size; /* scene units of depth 1, and of a pixel at distance 1 */
+    float scale, pixel_size; /* depth of the bottom; size of a pixel at distance 1; scene units */
     int quadric, search, steps, halvings;
 } Relief;
 
@@ -61,7 +61,7 @@ INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
     *y = cross_product(e->normal, *x);
 }
 
-/* The quadric's bilinear form of two directions; for two equal directions, it is a x^2 + b y^2 + c x y. */
+/* The quadric's bilinear form of two directions; if they are equal, it is a x^2 + b y^2 + c x y. */
 INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);
@@ -106,8 +106,8 @@ intl is_finite_ray(const ReliefRay *ray)
     return isfinite_lanes(ray->u + ray->v + ray->du + ray->dv + ray->K);
 }
 
-/* The square of the number of texels along a side of a pixel of `size` scene units, on a surface that faces the
- * camera */
+/* The squared number of texels along a side of a pixel that is `size` scene units wide, as on a surface that faces the
+ * camera; 1 where no ray enters */
 floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters)
 {
     const floatl u_2 = DOT(e->along_u, e->along_u);
@@ -116,8 +116,8 @@ floatl texels_of(const Entry *e, int width, int height, floatl size, intl enters
     return select_lanes(enters, texels_2, (floatl)1.0f);
 }
 
-/* Limits the level from which heights are read. On curved surfaces, where rays may come out again, heights that are off
- * by more than a pixel would move outlines. */
+/* Limits the level from which heights are read. On curved surfaces, rays may come out again, so heights that are wrong
+ * by more than a pixel's size would move outlines. */
 INLINED intl finest_level(const Relief *relief, intl level, floatl size, intl is_curved)
 {
     for (int l = 1; l < relief->level_count && any_lane(level >= l); l++) {
@@ -127,7 +127,7 @@ INLINED intl finest_level(const Relief *relief, intl level, floatl size, intl is
     return level;
 }
 
-/* The level whose texels are as large as a pixel of a size, or a finer level if `finest_level` requires it */
+/* The level whose texels are as large as a pixel of `size` scene units, or a finer level if `finest_level` gives one */
 INLINED intl level_of(const Relief *relief, const Entry *e, floatl size, intl enters)
 {
     const floatl texels_2 = texels_of(e, relief->levels[0], relief->levels[1], size, enters);
@@ -138,7 +138,7 @@ INLINED intl level_of(const Relief *relief, const Entry *e, floatl size, intl en
 #define PIXEL_SIZE(relief, n)                                                                                  \
     (((relief)->screen.perspective ? 1.0f / (n) : (floatl)1.0f) * (relief)->pixel_size)
 
-/* count: number of searches, a constant, so that loops over them are unrolled */
+/* count: number of searches; a compile-time constant, so that loops are unrolled */
 INLINED void search_relief(const Relief *relief, Search *searches, int count)
 {
     if (relief->search == SAFE)

@@ -2,13 +2,14 @@
 #define RELIEF_RAY_H
 /* A ray in a relief: its depth below the mesh, and its end (Oliveira & Policarpo 2005, sections 3.2 and 3.3).
  *
- * A ray enters at t = 0, at depth 0, and its depth is L t + K t^2, 1 at the bottom. On the map it runs straight:
- * u + du t, v + dv t.
+ * A ray enters the relief at t = 0, at depth 0. Its depth at t is L t + K t^2, and depth 1 is the bottom. On the map
+ * the ray is straight: at t it is at (u + du t, v + dv t).
  *
- * DISTANCE is the measure of its depth. APPROXIMATE: distance of its point P below the quadric, along z (equation 7).
- * PERPENDICULAR: the paper's equation 6, from P to R on the quadric, at right angles to the ray in the plane of ray
- * and normal; where it has no solution, equation 7. On a plane, it exceeds the depth by the factor 1 / sine of the
- * angle between ray and normal. EXACT: below the mesh itself (walk.h), leg by leg; a leg may start below depth 0.
+ * DISTANCE chooses how depth is measured. APPROXIMATE: along z, from the quadric down to the ray's point P (equation
+ * 7). PERPENDICULAR: from P to the quadric, at right angles to the ray and in the plane of ray and normal (equation 6),
+ * or equation 7 where equation 6 has no solution. If the quadric is a plane, equation 6 gives the depth divided by the
+ * sine of the angle between ray and normal. EXACT: below the mesh itself, in legs (walk.h), which may start at any
+ * depth.
  */
 #include "lib/lanes.h"
 
@@ -20,7 +21,7 @@
 #endif
 #define WALKS (DISTANCE == EXACT) /* rays walk from leg to leg */
 #define NEVER 1e20f     /* scene units */
-#define TILES_MAX 1e3f  /* tiles that a ray crosses at most, so that numbers stay small */
+#define TILES_MAX 1e3f  /* most tiles of the map that a ray crosses, so that its coordinates stay small */
 
 typedef struct {
     floatl u, v, du, dv; /* du, dv per scene unit */
@@ -28,11 +29,11 @@ typedef struct {
     floatl end;          /* least t > 0 where the ray comes out again, at depth 0, or reaches the bottom */
     intl at_bottom;      /* whether the ray ends at the bottom */
     intl level;          /* level of the map */
-    floatl depth;        /* at the start, for rays that walk */
+    floatl depth;        /* depth at t = 0, for rays that walk */
 #if DISTANCE == PERPENDICULAR
     floatl vz;    /* component of the unit direction along the normal: < 0 */
-    floatl scale; /* scene units of depth 1 */
-    floatl bend;  /* a x^2 + b y^2 + c x y for the direction */
+    floatl scale; /* depth of the bottom, in scene units */
+    floatl bend;  /* the quadric's a x^2 + b y^2 + c x y for the unit direction (x, y, vz) */
 #endif
 } ReliefRay;
 
@@ -46,12 +47,12 @@ typedef struct {
 #define QUADRIC_DEPTH(ray, t) (START_DEPTH(ray) + (t) * ((ray)->L + (t) * (ray)->K))
 
 #if DISTANCE == PERPENDICULAR
-/* P = V t; R = P + s U, U at right angles to V in the plane of V and the normal. */
+/* Equation 6. P = V t is on the ray, R = P + s U on the quadric. U is at right angles to V, in the plane of V and N. */
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
     const floatl depth = QUADRIC_DEPTH(ray, t), below = depth * ray->scale;
     const floatl uz = sqrt(max_lanes(1.0f - ray->vz * ray->vz, (floatl)1e-6f)); /* U = (N - vz V) / uz */
-    const floatl per = -ray->vz / uz;                                         /* U's tangential part over V's */
+    const floatl per = -ray->vz / uz;                                         /* U's tangential part, divided by V's */
     const floatl A = per * per * ray->bend, B = 2.0f * t * per * ray->bend - uz;
     const floatl discriminant = B * B - 4.0f * A * below, root = sqrt(max_lanes(discriminant, (floatl)0.0f));
     return select_lanes((discriminant >= 0.0f) & (root > B), 2.0f * depth / (root - B), depth);
@@ -60,7 +61,7 @@ floatl depth_of(const ReliefRay *ray, floatl t)
 #define depth_of QUADRIC_DEPTH
 #endif
 
-/* Switches the depths of some rays to equation 7, which equation 6 equals without curvature. */
+/* Makes the rays in `which` use equation 7: with vz = 0 and bend = 0, equation 6 gives the same depths. */
 INLINED void use_quadric_depth(ReliefRay *ray, intl which)
 {
 #if DISTANCE == PERPENDICULAR
@@ -87,7 +88,7 @@ void mask_inactive(ReliefRay *ray, intl active)
 #endif
 }
 
-/* Shortens a ray that would cross very many tiles. */
+/* Shortens a ray that would cross more than TILES_MAX tiles. */
 INLINED void limit_tiles(ReliefRay *ray)
 {
     ray->end = fmin(ray->end, TILES_MAX / fmax(fabs(ray->du) + fabs(ray->dv), (floatl)1e-20f));

@@ -3,11 +3,11 @@
 /* First hit of a ray (ray.h) on a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  * The surface lies at depth 1 - height.
  *
- * texels: lib/heights.h. bounds: 65535ths, two a word: a maximum mipmap (Tevs et al. 2008). Tier 0 holds the greatest
- * height of each cell between 2x2 texels, the next tier the greatest of 2x2 cells, and so on; BOUND_AT gives indices.
- * levels: (levels, LEVEL_INTS) ints: width, height, start in texels; for the bounds the number of tiers, start, log2 of
- * the rows' length, and span; finally the largest difference of the level's heights from the first level's, in
- * 65535ths.
+ * texels: lib/heights.h. bounds: a maximum mipmap (Tevs et al. 2008), in 1/65535, two numbers in each word. Tier 0
+ * holds the greatest height in each cell between 2x2 texels, tier 1 the greatest height in 2x2 cells, and so on.
+ * BOUND_AT gives the index of a bound. levels: (levels, LEVEL_INTS) for each mip level: its width, its height, its
+ * start in texels; the number of tiers of its bounds, their start, log2 of their rows' length, their span (BOUND_AT);
+ * last, the largest difference between its heights and the finest level's, in 1/65535.
  */
 #include "lib/heights.h"
 #include "relief/ray.h"
@@ -16,14 +16,14 @@
 #define HEIGHT_ERROR (LEVEL_INTS - 1) /* index of the last of these ints */
 #define SEARCH_STEPS_MAX 4096  /* steps of a safe search */
 #if LANES == 16
-#define INTERLEAVED 4 /* packets of rays searched in turns: the arithmetic of one hides the latency of others */
+#define INTERLEAVED 4 /* packets of rays searched in turns: while one waits for memory, another computes */
 #else
 #define INTERLEAVED 1
 #endif
-#define FIRST_TIER 2     /* where a safe search starts */
-#define NUDGE 1e-3f      /* texels by which a place is moved into the cell that the ray enters */
-#define FAR_SIDE 1e9f    /* texels: the far side of unbounded cells */
-#define AXIS_PARALLEL 1e-4f      /* texels: a ray that moves less along x, or y, stays on its column, or row */
+#define FIRST_TIER 2     /* tier where a safe search starts */
+#define NUDGE 1e-3f      /* texels by which a place is moved ahead, into the cell that the ray enters */
+#define FAR_SIDE 1e9f    /* texels: stands for the missing side of a cell that extends beyond a clamped map */
+#define AXIS_PARALLEL 1e-4f      /* texels: a ray that moves less along an axis counts as at right angles to the axis */
 
 /* A ray on its level of the map: (x, y) + (dx, dy) t */
 typedef struct {
@@ -31,7 +31,7 @@ typedef struct {
     floatl x, y, dx, dy;
 } Track;
 
-/* Entry i of the lanes' levels in `levels`; usually all lanes are on one level. */
+/* Number i of each lane's level in `levels`; usually all lanes have the same level. */
 INLINED intl table_at(global const int *levels, intl level, int i)
 {
     const int first = int_lane(level, 0);
@@ -59,7 +59,7 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
     return k;
 }
 
-/* The index of the bound of a tier's cell. A lookup of the index would take as long as reading the bound itself. */
+/* The index of a cell's bound. It is computed, as reading a tier's start would take as long as reading the bound. */
 #define BOUND_AT(s, tier, column, row) ((s)->start + (s)->span - ((s)->span >> (tier)) + ((row) << (s)->pitch) + (column))
 
 typedef struct {
@@ -72,7 +72,7 @@ typedef struct {
     intl tier, tiers, start, pitch, span; /* safe search: the tier, and the bounds' layout */
     floatl nudge, peak;
     floatl per_x, per_y;
-    floatl from_x, from_y; /* start of the ray; a texel before it where it stays on a column, or row */
+    floatl from_x, from_y; /* the ray's start in texels, less 1 along an axis along which the ray hardly moves */
 #if COUNTERS
     intl taken; /* steps */
 #endif
@@ -84,7 +84,7 @@ typedef struct {
 #define COUNT_STEP(search, tries)
 #endif
 
-/* Begins a search along the rays of some lanes. */
+/* Begins a search along the rays of the lanes in `searches`, at a tier. */
 INLINED void begin_rays(Search *s, intl searches, intl tier)
 {
 #if COUNTERS
@@ -102,8 +102,8 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
     return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, x, y);
 }
 
-/* The paper's search: `steps` even steps, then `halvings` of the last one. Its variables are kept in registers, outside
- * the searches. count: number of searches, a constant */
+/* The paper's search: up to `steps` equal steps, then `halvings` bisections of the step that reached the surface.
+ * Arrays outside `searches` keep its variables in registers. count: number of searches, a compile-time constant */
 INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
     floatl step[INTERLEAVED], before[INTERLEAVED];
@@ -155,8 +155,8 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
         searches[k].t = after[k];
 }
 
-/* Searches the cell of a patch, which the ray crosses from t to `leaves`. (fx, fy): the place at t, in the cell. Sets t
- * and returns true where the ray meets the surface. */
+/* Searches a patch's cell, which the ray crosses from s->t to `leaves`. (fx, fy): the ray's place in the cell at s->t,
+ * 0 to 1. Returns which lanes of `tries` meet the surface, and sets their s->t to the hit. */
 intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tries)
 {
     const ReliefRay *ray = &s->ray;
@@ -164,7 +164,7 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
     const floatl dx = s->track.dx, dy = s->track.dy;
     const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
     const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
-    /* The ray's depth minus the surface's is F0 + F1 ahead + F2 ahead^2; F0 < 0 above the surface. */
+    /* At t + ahead, the ray's depth minus the surface's is F0 + F1 ahead + F2 ahead^2; F0 < 0 above the surface. */
     const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
     const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
     const floatl F2 = ray->K + twist * dx * dy;
@@ -177,9 +177,9 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
 }
 
 #if CLAMPED_U || CLAMPED_V
-/* Where a ray leaves a cell whose far side is `side`. Cells at a clamped map's border extend beyond it, because heights
- * do not change there: they have no side behind the last texel, and before the first texel only the side towards the
- * map. */
+/* The column, or row, where a ray leaves a cell whose side ahead is at `side`. Heights do not change beyond a clamped
+ * map, so the cells at its border extend outwards without end: behind the last texel a cell has no side, and before the
+ * first texel only the side towards the map. */
 INLINED floatl side_on_map(intl number, intl side, intl count, floatl d)
 {
     const intl before = number < 0, forward = d >= 0.0f;
@@ -189,14 +189,15 @@ INLINED floatl side_on_map(intl number, intl side, intl count, floatl d)
 }
 #endif
 
-/* One step of a safe search: across a cell if the ray stays above it, else down to its quarters. */
+/* One step of a safe search: across a cell if the ray stays above the cell's greatest height, else down one tier, to
+ * the cell's quarters. */
 void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 {
     const ReliefRay *ray = &s->ray;
     const intl width = s->track.map.width, height = s->track.map.height, tier = s->tier;
     const Track *k = &s->track;
     const floatl t = s->t;
-    /* The cell just behind t, on the map */
+    /* The cell of the map in which the ray is just behind t */
     const floatl inside = t + s->nudge;
     const floatl at_x = k->x + inside * k->dx, at_y = k->y + inside * k->dy;
     const floatl dx = k->dx, dy = k->dy;
@@ -223,7 +224,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 #endif
     const floatl t_x = (to_x - s->from_x) * s->per_x, t_y = (to_y - s->from_y) * s->per_y;
     const floatl leaves = clamp_lanes(min_lanes(t_x, t_y), inside, ray->end);
-    /* No other distance is deeper than equation 7. A ray that starts at the mesh sinks up to its deepest point. */
+    /* Safe searches measure depths by equation 7. A ray that starts at depth 0 is deepest at `turn`; a leg may also be
+     * deepest at an end of the step. */
     const floatl turn = clamp_lanes(s->peak, t, leaves);
 #if WALKS
     const floatl deepest = max_lanes(max_lanes(QUADRIC_DEPTH(ray, t), QUADRIC_DEPTH(ray, leaves)),
@@ -232,7 +234,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const floatl deepest = QUADRIC_DEPTH(ray, turn);
 #endif
     const intl is_free = deepest < 1.0f - highest, at_leaf = tier == 0, solves = s->active & !is_free & at_leaf;
-    /* Up one tier where the ray also leaves the parent cell */
+    /* The search goes up one tier where the ray also leaves the parent cell. */
     const intl by_x = t_x <= t_y, index = select_lanes(by_x, column, row);
     const intl forward = select_lanes(by_x, dx, dy) > 0.0f, odd = (index & 1) != 0;
     const intl ends = select_lanes(by_x, side_x == width, side_y == height);
@@ -251,8 +253,8 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     s->active = s->active & (s->t < ray->end);
 }
 
-/* No step is longer than the bounds allow, so nothing is stepped over. One step crosses a cell whose greatest height
- * stays below the ray; cells between 2x2 texels are solved. */
+/* A search that steps over no part of the surface: a step crosses a cell only if the cell's greatest height stays below
+ * the ray. Otherwise the search goes down, and solves for the hit in cells between 2x2 texels. */
 INLINED void safe_search(Search *searches, int count, global const uint *texels, global const uint *bounds,
                          global const int *levels)
 {

@@ -1,42 +1,45 @@
 #ifndef RELIEF_WALK_H
 #define RELIEF_WALK_H
-/* A ray's walk through a relief, below the mesh's own triangles.
+/* A ray's walk through a relief: the ray is followed through the prisms below the mesh's triangles.
  *
- * Take a triangle with corners P and vectors N from the relief's bottom to them. A point below it is X = P - h N, with
- * P and N interpolated by the same weights, and h its depth, 1 at the bottom. These points form a prism; all prisms
- * together fill the relief without gaps. A ray is followed from prism to prism, one leg in each, until it leaves the
- * prism at the bottom, at the mesh, or through a side.
+ * At each corner P of a triangle, a vector N leads from the relief's bottom to P. A point below the triangle is
+ * X = P - h N, where P and N are interpolated with the same weights and h is the point's depth, 1 at the bottom. The
+ * points below a triangle form a prism; all prisms together fill the relief without gaps. A ray is followed from prism
+ * to prism, one leg in each, until it leaves a prism at the bottom, at the mesh, or at a border of the mesh.
  *
- * At each depth a prism has one section, a triangle, which a ray crosses once. So within a prism, the depth determines
- * the ray's point. Each side of the section spans a triangle with this point. These triangles' areas, seen along the
- * ray and divided by their sum, are the corners' weights. Each area is a polynomial of degree two in the depth; the ray
- * leaves through the side whose area becomes 0. The ray sinks where it meets sections from the front, and rises where
- * it meets them from behind. Neighbours share the area of their common side, so no ray is lost.
+ * The points of a prism at one depth form a triangle, the section at this depth, which a ray crosses once. So within a
+ * prism, the depth determines the ray's point. This point and a side of the section form a triangle. The areas of the
+ * three triangles, seen along the ray and divided by their sum, are the corners' weights. Each area is a polynomial of
+ * degree two in the depth; the ray leaves through the side whose area first becomes 0. The ray sinks where it meets
+ * sections from the front, and rises where it meets them from behind. Two neighbouring prisms compute the same area for
+ * their common side, so no ray is lost between them.
  *
- * Below centres of curvature prisms are inside out, and overlap others. Depths are continuous there, too: the ray runs
- * backwards, and comes out on the other side of a sharp bend.
+ * Deeper than a centre of curvature, prisms are inside out and overlap others. Depth is continuous there, too: the walk
+ * goes backwards along the ray, and comes out on the other side of a sharp bend.
  *
- * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then, as integers, for the side opposite to each
- * corner the neighbour's matching side: 3 * triangle + corner, or -1 at borders. Beyond borders u and v continue
- * linearly, and the depth follows the turning normals.
+ * prisms: (triangles, PRISM_FLOATS) P, N, u and v of each corner; then three integers, one for the side opposite to
+ * each corner: the same side in the neighbouring triangle, as 3 * triangle + corner, or -1 at a border of the mesh.
+ * Beyond a border, u and v continue linearly, and the depth changes as if the normals went on turning as in the last
+ * prism.
  */
 #include "relief/entry.h"
 
 #define PRISM_FLOATS 28
 #define LEGS_MAX 512    /* legs of a ray: most take less than ten */
 #define LEAST 1e-30f    /* least divisor */
-#define SHORTEST 1e-18f /* least length of a leg as a divisor */
+#define SHORTEST 1e-18f /* scene units: shorter legs count as this long in divisions */
 #define UNEVEN 0.2f     /* fraction of a leg: the ray has its mean depth at most this far from the leg's middle */
 
-/* A triangle's corners P and their N, relative to a ray's entry, with z along the ray; and their u and v */
+/* A triangle's prism: P relative to a ray's entry, N, u and v of its corners. Points and vectors have z along the
+ * ray. */
 typedef struct {
     Vector point[3], normal[3];
     floatl u[3], v[3];
     intl beside[3];
 } MeshPrism;
 
-/* Twice the areas between a section's sides and the ray's point, indexed by the sides' opposite corners: area + slope x
- * + bend x^2, where x is the change of depth along the ray */
+/* Twice the areas of the triangles that the ray's point forms with a section's sides: area + slope x + bend x^2, if the
+ * depth has changed by the amount x >= 0. Index: the corner opposite to the side */
 typedef struct {
     floatl area[3], slope[3], bend[3];
     floatl sign; /* 1 if the ray sinks, or -1 */
@@ -54,11 +57,11 @@ typedef struct {
     floatl depth;                   /* depth at this distance */
     intl active;                    /* rays that are followed */
     intl is_beyond, ends_at_border; /* rays that are beyond a border; rays that end at borders */
-    intl side;   /* side of entry, then side of exit; -1: none, as at mesh or bottom */
-    intl beside; /* the neighbour's side at that side */
+    intl side;   /* side where the ray enters the prism, later where it leaves; -1: none, at the mesh or bottom */
+    intl beside; /* the same side in the neighbouring triangle, or -1, as in `prisms` */
     floatl leg, way, end;                      /* the leg's length, direction (1 or -1), and depth at its end */
-    floatl second, third, by_second, by_third; /* weights of corners, and their changes along the leg */
-    floatl pixel_size; /* pixel size at the entry; 0: the finest level is read */
+    floatl second, third, by_second, by_third; /* corners' weights, and their change per scene unit of the leg */
+    floatl pixel_size; /* scene units at the entry; 0: the finest level is read */
     intl level, tier;  /* level of the map, and tier of the search (search.h) */
 } MeshWalk;
 
@@ -97,7 +100,7 @@ INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from, Vec
     return p;
 }
 
-/* The level of the map for a pixel of this size in scene units, by the texels that it covers on a triangle */
+/* The level of the map for pixels of `size` scene units, from the number of texels that a pixel covers on a triangle */
 INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
 {
     const Vector second = minus(p->point[1], p->point[0]), third = minus(p->point[2], p->point[0]);
@@ -110,10 +113,10 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
     return finest_level(relief, level_of_texels(texels_2, relief->level_count), size, -1);
 }
 
-/* Twice the area of the triangle between the origin and two points of the plane */
+/* Twice the signed area of the triangle of the origin and the points a and b, in the x-y plane */
 #define TWICE_AREA(a, b) ((a).x * (b).y - (a).y * (b).x)
 
-/* The areas at a depth, and their changes with depth */
+/* The areas in the section at a depth, and how they change with the depth */
 INLINED SideAreas sides_at(const MeshPrism *p, floatl depth)
 {
     SideAreas sides;
@@ -135,8 +138,8 @@ INLINED SideAreas sides_at(const MeshPrism *p, floatl depth)
     return sides;
 }
 
-/* A ray's crossing with the section where the depth has changed by x. side: the side on which the crossing lies, -1:
- * none */
+/* A ray's crossing with the section where its depth has changed by the amount x. side: the section's side on which the
+ * crossing is known to lie, or -1 */
 INLINED Crossing crossing_at(const MeshPrism *p, const SideAreas *sides, floatl depth, floatl x, intl side)
 {
     const floatl there = depth + sides->sign * x;
@@ -160,7 +163,8 @@ INLINED Crossing crossing_at(const MeshPrism *p, const SideAreas *sides, floatl 
     return at;
 }
 
-/* Least x >= 0 where a + b x + c x^2, with a >= 0, becomes negative; is_new: a root at x = 0 does not count */
+/* The least x >= 0 where a + b x + c x^2, with a >= 0, becomes negative, or NEVER. is_new: the ray has just entered
+ * through this side, so a root at x = 0 does not count */
 INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
 {
     const floatl discriminant = b * b - 4.0f * a * c, root = sqrt(max_lanes(discriminant, (floatl)0.0f));
@@ -170,10 +174,11 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Finds the sides through which rays leave their prisms. Returns the change of depth until then. */
+/* Sets `side` to the sides through which rays leave their prisms. Returns by what amount their depths change until
+ * then. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
-    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */
+    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to its end */
     floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED
@@ -186,11 +191,11 @@ INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
     return x;
 }
 
-/* The change of a corner value for a change of the weights */
+/* The change of an interpolated value if the second and third corner's weights change by these amounts */
 #define CHANGE_OF(corners, by_second, by_third)                                                                \
     ((by_second) * ((corners)[1] - (corners)[0]) + (by_third) * ((corners)[2] - (corners)[0]))
 
-/* The distance to the bottom, or else to depth 0, of a ray whose depth is a parabola */
+/* The distance t at which depth + slope t + bend t^2 is 1, at the bottom, or if it never is, 0 */
 INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
 {
     const floatl below = 1.0f - depth, discriminant = slope * slope + 4.0f * bend * below;
@@ -200,7 +205,7 @@ INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
     return max_lanes(select_lanes(*at_bottom, bottom, out), (floatl)0.0f);
 }
 
-/* Sets up the last legs of rays beyond a border: weights change linearly, and depths follow the turning normals. */
+/* Sets up the last leg of each ray that is beyond a border: weights change linearly, and normals go on turning. */
 INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *sides, const Crossing *at, float scale,
                        ReliefRay *ray)
 {
@@ -230,8 +235,9 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
     ray->at_bottom = select_lanes(which, at_bottom, ray->at_bottom);
 }
 
-/* Sets up a walk's next leg, and the ray of its search. The ray's depth is the parabola that is exact at both ends
- * and at their mean depth; u and v are linear, because they bend little in a prism. */
+/* Sets up a walk's next leg, and the ray that is searched on it. The ray's depth is a parabola, which is exact at the
+ * leg's ends and where the depth is the mean of the depths there; u and v are linear, as they hardly curve in a
+ * prism. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
     const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);

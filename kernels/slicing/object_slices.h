@@ -1,6 +1,6 @@
 #ifndef SLICING_OBJECT_SLICES_H
 #define SLICING_OBJECT_SLICES_H
-/* Hits of rays on an object: the slices of its box are walked from front to back. */
+/* First hits of rays on an object. Points of a ray are tested on the slices of the object's box, from front to back. */
 #include "slicing/view_volumes.h"
 
 #define TO_SCREEN 3 /* the axis of slices parallel to the screen; the box's axes are 0, 1 and 2 */
@@ -9,13 +9,14 @@ typedef struct {
     float from_world[12]; /* row by row */
     float edges[3];       /* lengths of the box's edges, in scene units */
     float spacing;        /* distance between slices, in scene units */
-    float first; /* slices parallel to the screen: subtracted from their numbers, so that the middle one is number 0 */
+    float first; /* with TO_SCREEN: slice numbers are depth / spacing - first, so that the middle slice is number 0 */
     int slices;           /* number of slices along the longest edge */
     int alone;            /* 1: only the slice with the number `only` is drawn */
     int only;
 } Box;
 
-/* The rays of the pixels (x, y): perspective rays start at the camera's centre, orthographic rays on its plane */
+/* The rays of the pixels (x, y). They start, at depth 0, at a perspective camera's centre or on an orthographic
+ * camera's plane. */
 WorldRay world_ray(Screen screen, floatl x, floatl y)
 {
     const float *m = screen.to_world;
@@ -29,7 +30,7 @@ WorldRay world_ray(Screen screen, floatl x, floatl y)
     return ray;
 }
 
-/* The part of a ray that lies in the box, from depth `front` to `back`; slices are where `number` is whole. */
+/* The part of a ray in the box, from depth `front` to `back`. It meets a slice where `number` is a whole number. */
 typedef struct {
     floatl front, back;
     Linear number;
@@ -40,8 +41,8 @@ typedef struct {
 /* from: depth of the near plane; slices_axis: an axis of the box, or TO_SCREEN */
 RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_axis)
 {
-    /* No ray crosses more slices than the longest edge does. Rounding adds at most as many again, unless float32 cannot
-     * resolve depths in the box. */
+    /* No ray crosses more slices than the longest edge does. The factor 2 leaves room for rounding errors, unless
+     * float32 cannot resolve depths in the box. */
     RaySegment segment = {from, INFINITY, {-box.first, 1.0f / box.spacing}, 2 * (box.slices + 1), box.alone, box.only};
     for (int k = 0; k < 3; k++) {
         const float *r = box.from_world + 4 * k;
@@ -59,7 +60,7 @@ RaySegment segment_in_box(Box box, const WorldRay *ray, floatl from, int slices_
     return segment;
 }
 
-/* Bisects the interval of length `step` before the hits that are `found`, where the rays enter the object. */
+/* Moves the `found` hits forward to where their rays enter the object: bisects the depths from hit - step to hit. */
 void refine_object_hit(const Views *views, const ViewRays *rays, RaySegment segment, floatl step, int halvings,
                        intl found, floatl *hit, intl *tests)
 {
@@ -73,10 +74,10 @@ void refine_object_hit(const Views *views, const ViewRays *rays, RaySegment segm
     }
 }
 
-/* Searches between slices for parts of the object that are thinner than the spacing. On `crossed` rays, the point at z
- * passes `passed` views and fails the next one, but the point on the previous slice, `step` in front, fails another
- * view. Bisection leads to the depth where the failing view changes: points there may pass both views. Sets hit, and
- * returns which rays hit. */
+/* Searches between two slices for parts of the object that are thinner than the slice spacing. The first view that
+ * rejects the point at depth z has the number `passed` in the order of testing. On `crossed` rays, another view is the
+ * first to reject the point of the previous slice, at depth z - step. Bisection finds the depth where the first
+ * rejecting view changes, because points there may pass both views. Sets `hit`, and returns which rays hit. */
 intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segment, floatl z, floatl step, int halvings,
                        intl crossed, intl passed, floatl *hit, intl *tests)
 {
@@ -95,8 +96,8 @@ intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segm
     return found;
 }
 
-/* Returns which rays meet the object in front of the depth `drawn` that the picture already shows. Sets hit, the depth
- * where they meet it. */
+/* Returns which rays meet the object in front of `drawn`, the depth that the picture already shows. Sets `hit` to the
+ * depth where they meet the object. */
 OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
                       int finds_thin, floatl *hit, intl *tests)
 {
@@ -109,7 +110,7 @@ OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegme
     const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
     const floatl number_max = segment.number_max,
                  s_front = clamp_lanes(AT(segment.number, segment.front), -number_max, number_max);
-    /* Halvings bring a hit forward by up to one slice. */
+    /* Bisection may move a hit forward by one slice spacing, so slices up to this far behind `drawn` are tested. */
     const floatl back = min_lanes(drawn + fabs(per_slice), segment.back);
     floatl slice = segment.alone ? (floatl)(float)segment.only
                                  : select_lanes(rises, ceil_lanes(s_front), floor_lanes(s_front));
