@@ -1,30 +1,30 @@
 /* Depth meshes of several views, blended per pixel (Pajarola, Sainz & Meng 2003, sections 4.3 to 4.5).
  *
- * The depth pass (mesh_layers.h) finds the nearest surface of each mesh for the pixels of a region. In the colour
- * pass, surfaces that lie within epsilon behind the nearest one give their colours, weighted and normalised in one
- * step. Holes in the drawn views show the coarser meshes of the other views, and surface that no view saw, but that
- * must be there, is closed (closing.h). Views fade towards the ends of their surfaces: where a view ends, the other
- * views already have the whole weight. BLEND_QUALITY: positional weights times quality, per pixel (as in the paper);
- * BLEND_POSITION: positional weights alone; BLEND_NEAREST: the colour of the front mesh.
+ * The depth pass (mesh_layers.h) finds the nearest surface of each mesh at the pixels of a region. In the colour pass,
+ * a pixel's colour is the weighted mean over the meshes whose surface lies at most epsilon behind the nearest one.
+ * Where the drawn views have holes, the coarser meshes of the other views show. Surface that no view saw, but that must
+ * be there, is closed (closing.h). A view's weight falls towards the ends of its surface, where the other views have
+ * the whole weight. BLEND_QUALITY: positional weights times quality, per pixel (as in the paper); BLEND_POSITION:
+ * positional weights alone; BLEND_NEAREST: the colour of the nearest mesh.
  *
- * Deviations from the paper: Views fade. Only the nearest surface of each mesh is blended, so a mesh does not blend
- * surfaces that it occludes itself, even within epsilon. Textures are projected, not stretched over triangles, and are
- * read within the triangles of the source, so no colour leaks over a depth edge. Triangles of coarse meshes that bridge
- * two surfaces are drawn only if holes are closed BY_SHEETS; otherwise they mark rays that pass between surfaces.
+ * Deviations from the paper: Weights fall at a surface's ends. Only the nearest surface of each mesh is blended, so
+ * other surfaces of this mesh add nothing, even within epsilon. Textures are projected, not stretched over triangles,
+ * and are read within the view's own triangles, so no colour leaks over a depth edge. Triangles of coarse meshes that
+ * bridge two surfaces are drawn only if holes are closed BY_SHEETS; else they mark rays that pass between surfaces.
  *
  * corners, projected, points: select.cl, mesh by mesh in the order of `MeshCounts`. list, starts: raster/bins.cl.
  * firsts: (meshes + 1,) first triangle of each mesh. In the arrays below, `meshes` counts others and views alone.
- * sources: (meshes, 4) indices of the mesh's view and of this view's first and last level, and 1 for a perspective
- * view. levels: (levels, 3) width, height and start in colors; each level is half as large as the previous one,
- * rounded up. scales: (meshes,) the view's samples over the target's pixels, per scene unit at depth 1.
- * colors: RGBA bytes; A holds 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
+ * sources: (meshes, 4) index of the mesh's view, indices in `levels` of this view's finest and coarsest level, and 1
+ * for a perspective view. levels: (levels, 3) width, height and start in colors; each level is half as large as the
+ * previous one, rounded up. scales: (meshes,) samples of the view per pixel of the target, at depth 1 in
+ * both. colors: RGBA bytes; A is 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
  * the fraction of valid samples on coarser levels. weights: (meshes,) positional weights, > 0. culled:
  * raster/triangle.h. by: BLEND_... layer_nearness, layer_owner: (others + views, items, pixels of a region) output of
- * mesh_layers.h. With CLOSED BY_RAYS, the FreeSpace of closing.h for all `view_count` views; view_sizes are its sizes.
- * depth, color, valid: the picture, whose nearer pixels stay. occupancy, with OCCUPIED: (height, width) bit k is set
- * where view k gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item: every
- * `items`-th region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then of
- * the meshes.
+ * mesh_layers.h. With CLOSED BY_RAYS, the arrays of FreeSpace (closing.h) for all `view_count` views; view_sizes is its
+ * `sizes`. depth, color, valid: the picture, whose nearer pixels stay. occupancy, with OCCUPIED: (height, width) bit k
+ * is set where view k gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item: every
+ * `items`-th region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then of the
+ * meshes.
  */
 #include "depthmesh/closing.h"
 #include "depthmesh/mesh_layers.h"
@@ -41,11 +41,12 @@
 #ifndef GUESSES
 #define GUESSES 0 /* 1: also write the depth of closed pixels */
 #endif
-#define LEVEL_BIAS 0.25f /* levels: added before rounding down; prefers a little grain to blur */
-#define FACTOR_MIN 1e-3f /* > 0, so that a surface that all views see edge-on, or at its end, still gets a colour */
+#define LEVEL_BIAS 0.25f /* levels: added before rounding down, because blur is worse than a little aliasing */
+#define FACTOR_MIN 1e-3f /* least quality and least feather: > 0, so that each surface gets a colour */
 
-/* Adds the colour at the pixel (x, y) of a view from one of its levels. The finest level is interpolated within the
- * cell's triangle, coarser levels bilinearly, with texels weighted by their fraction of valid samples. */
+/* Adds the colour at the pixel (x, y) of a view, read from one of the view's levels. The finest level is interpolated
+ * in the triangle that contains the pixel, coarser levels bilinearly, with texels weighted by their fraction of valid
+ * samples. */
 void add_sample(global const uint *colors, global const int *size, int level, floatl x, floatl y, floatl weight,
                 Color *sum)
 {
@@ -76,7 +77,8 @@ void add_sample(global const uint *colors, global const int *size, int level, fl
     add_color(sum, weight / max_lanes(opaque, (floatl)1e-6f), read);
 }
 
-/* Weight of a view's samples at its pixel (x, y), 0 to 1; size: the size of the view's finest level */
+/* The weight of a view's samples at its pixel (x, y), 0 to 1: low at the ends of surfaces. size: row of the view's
+ * finest level in `levels` */
 floatl feather_at(global const uint *colors, global const int *size, floatl x, floatl y)
 {
     const Taps taps = clamped_taps(size[0], size[1], x, y);
@@ -87,7 +89,7 @@ floatl feather_at(global const uint *colors, global const int *size, floatl x, f
     return bilinear(taps, alpha[0], alpha[1], alpha[2], alpha[3]) * (1.0f / 255);
 }
 
-/* Sources and weights of the meshes' colours; arrays as described at the top */
+/* The meshes' colours and their weights; the arrays are described at the top */
 typedef struct {
     int by; /* BLEND_... */
     global const int *firsts, *sources, *levels;
@@ -95,15 +97,15 @@ typedef struct {
     global const uint *colors, *normals; /* normals with GBUFFER 2 */
 } Meshes;
 
-/* Weighted sums of colours and normals, and sums of weights. Normals do not fade where views end: fine scales have many
- * ends, and a mean over fewer views is less accurate. */
+/* Weighted sums of colours and normals, and sums of weights. Weights of normals do not fall at the ends of surfaces:
+ * surfaces with fine detail have many ends, and a mean over fewer views is less accurate. */
 typedef struct {
     Color color, normal;
     floatl weight, normal_weight;
 } MeshBlend;
 
-/* Adds a mesh's weighted colours and normals to the pixels (px, py), with weight 0 unless `given`. n, owner: nearness
- * and triangle of the mesh at the pixels; shares: mask of the pixels to which the mesh contributes. */
+/* Adds a mesh's weighted colours and normals to the `given` pixels (px, py). n, owner: nearness and triangle of the
+ * mesh at the pixels. shares: pixels where the mesh is near enough to be blended, given or not */
 INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, floatl n, intl owner, floatl px,
                       floatl py, intl shares, intl given, MeshBlend *blend)
 {
@@ -128,7 +130,7 @@ INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, fl
     const floatl feather = max_lanes(feather_at(meshes->colors, finest, sound_x, sound_y), least);
     const floatl unfaded = select_lanes(given, meshes->weights[mesh] * facing, (floatl)0.0f);
     const floatl weight = unfaded * feather;
-    /* The whole block reads one level, fine enough for all of its pixels. */
+    /* All pixels of the block read the same level, which is fine enough for each of them. */
     const floatl away = context->screen.perspective ? 1.0f / n : (floatl)1.0f;
     const float samples = least_lane(select_lanes(shares, meshes->scales[mesh] * away * inverse, (floatl)INFINITY));
     const int level = (int)fmin(floor(log2(fmax(samples, 1.0f)) + LEVEL_BIAS), (float)(source[2] - source[1]));
@@ -148,7 +150,7 @@ INLINED void add_mesh(const Context *context, const Meshes *meshes, int mesh, fl
 #define FAR_NORMALS_PARAMETER
 #define FAR_NORMALS_ARGUMENT 0
 #endif
-/* Adds the weighted colours and normals of closed surface at nearness n to the `given` pixels (x, y). */
+/* Adds the weighted colours and normals of closed surface, which lies at nearness n, to the `given` pixels (x, y). */
 INLINED void add_closing(const FreeSpace *space, const Meshes *meshes, global const uint *far_normals, floatl x,
                          floatl y, floatl n, intl given, MeshBlend *blend, intl *views)
 {
@@ -165,7 +167,7 @@ INLINED void add_closing(const FreeSpace *space, const Meshes *meshes, global co
 #endif
 
 #if OCCUPIED
-/* Writes the views that gave colour to each pixel of a block, a bit each. */
+/* Writes which views gave colour to each pixel of a block: bit k for view k. */
 void write_occupancy(intl views, const Region *region, int block, Screen screen, global uint *occupancy)
 {
     for (int lane = 0; lane < LANES; lane++) {
@@ -177,7 +179,7 @@ void write_occupancy(intl views, const Region *region, int block, Screen screen,
 #endif
 
 #if GUESSES
-/* Writes the depths of the `written` pixels of a block; the caller includes only pixels that show closed surface. */
+/* Writes the depths of the `written` pixels of a block: pixels that show closed surface. */
 void write_guesses(intl written, const Region *region, int block, const Picture *picture, global float *guesses)
 {
     if (!any_lane(written))
@@ -241,7 +243,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
         for (int block = 0; block < BLOCKS; block++) {
             const floatl px = BLOCK_X(&region, block), py = BLOCK_Y(&region, block);
             floatl front = fronts.views[block];
-            const intl hole = front == EMPTY; /* a hole in the meshes of the drawn views */
+            const intl hole = front == EMPTY; /* no mesh of a drawn view covers the pixel */
 #if CLOSED
             if (holed)
                 front = select_lanes(hole, fronts.others[block], front);
@@ -256,7 +258,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             if (!blank && !any_lane(mine))
                 continue;
             MeshBlend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-            intl taken = (intl)0, views = (intl)0; /* pixels with a front mesh; views that gave colour, a bit each */
+            intl taken = (intl)0, views = (intl)0; /* the nearest mesh is found; views that gave colour, by bit */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;

@@ -1,39 +1,40 @@
 #ifndef DEPTHMESH_CLOSING_H
 #define DEPTHMESH_CLOSING_H
-/* Closing of surface that no view saw, but that must be there (in addition to Pajarola, Sainz & Meng 2003, section
+/* Closing: draws surface that no view saw, but that must be there (in addition to Pajarola, Sainz & Meng 2003, section
  * 4.5).
  *
- * A point is free if some view saw through it, that is, if it lies in front of the view's sample there. Other points
- * are solid or unknown. If a pixel's ray meets the back of a mesh before any front, it has entered a solid through a
- * surface that no view saw. The pixel is closed where the ray left free space: at the first free point on the way
- * from the back to the eye.
+ * A point is free if a view saw through it, that is, if it lies in front of the view's sample there. Other points are
+ * solid or unknown. If a pixel's ray meets the back of a mesh before any front, it has entered a solid through a
+ * surface that no view saw. The surface is drawn where the ray left free space: at the first free point on the way from
+ * the back to the eye.
  *
- * If a ray passes through a rubber sheet and reaches points that are not free, it has met a surface. If the ray comes
- * from the front and leaves free space within half a sample of the near surface's last samples, it has met the rim of
- * this surface. Otherwise no view saw the surface, but surfaces on the far sides of depth edges are likely to continue
- * behind the near ones. So space counts as free up to these continued surfaces (`extended_depths`). The pixel is closed
- * where the ray leaves this space; it stays empty if the ray never does. A ray that leaves occluded space behind a
- * sheet and enters occluded space again is closed only if the scene is `enclosed`: next to an object, such rays may
- * never meet a surface.
+ * A ray may pass through a rubber sheet (a triangle that bridges a depth edge) and reach points that are not free: then
+ * it has met a surface. If the ray comes from the front and leaves free space within half a sample of the last samples
+ * of the sheet's near surface, it has met the rim of this surface. Otherwise no view saw the surface. But the surface
+ * on the far side of a depth edge is likely to continue behind the near one, so space counts as free up to this
+ * continued surface (`extended_depths`). Surface is drawn where the ray leaves this space; if the ray never leaves it,
+ * the pixel stays empty. A ray may also leave the occluded space behind a sheet and enter occluded space again. Then
+ * surface is drawn only if the scene is `enclosed`: beside a single object, such rays may never meet a surface.
  *
- * Cost: up to 6 MARCH_STEPS points for rays that first meet backs or sheets; each point is looked up in the views until
- * one of them saw through it.
+ * Cost: at most 6 MARCH_STEPS points on each ray that first meets a back or a sheet; each point is looked up in one
+ * view after the other, until a view saw through the point.
  */
 #include "depthmesh/tree.h"
 #include "lib/color.h"
 #include "lib/taps.h"
 
 #define MARCH_STEPS 128   /* points along a ray */
-#define SAMPLE_REACH 0.25f /* steps: a point is at a sample if their depths differ by no more */
+#define SAMPLE_REACH 0.25f /* steps: a point is at a sample if its depth and the sample's differ by no more */
 #define BEFORE_1 (1.0f - 1e-6f) /* times the last sample's coordinate: a place just inside the last cell */
-#define HALVINGS 7 /* bisections of a step: they find the point where a ray leaves free space to 1/128 of a step */
+#define HALVINGS 7 /* bisections of a step: where a ray leaves free space is known to 1/128 of a step */
 
-/* Depths up to which the views saw free space. free_depths: at each sample, INFINITY for background and 0 for unknown
- * depth. extended_depths: the same, but on the near side of a depth edge the depth at which the far side's surface
- * continues behind it. far_colors: RGBA bytes of the continued surfaces. cell_free_depths, cell_extended_depths: minima
- * of the two over a cell's four samples, stored at the upper left one. sizes: (views, 3) width, height and start in
- * these arrays. from_target: (views, 16) maps from the target's pixel space to the views'. perspectives: (views,) 1 or
- * 0. first_levels: (views,) indices of the finest levels. closeness: (views,) positional weights. */
+/* Depths up to which each view saw free space. free_depths: the depth of each sample; INFINITY: background, 0: not
+ * known. extended_depths: the same, but at a sample on the near side of a depth edge the depth at which the far side's
+ * surface continues behind the sample. far_colors: RGBA bytes of the continued surfaces. cell_free_depths,
+ * cell_extended_depths: minima of these depths over a cell's four samples, stored at the upper left sample. sizes:
+ * (views, 3) width, height and start in these arrays. from_target: (views, 16) maps from the target's pixel space to
+ * each view's. perspectives: (views,) 1 or 0. first_levels: (views,) index of the finest level in the `levels` of
+ * blend.cl. closeness: (views,) positional weights. */
 typedef struct {
     global const float *free_depths, *extended_depths;
     global const uint *far_colors;
@@ -42,14 +43,15 @@ typedef struct {
     global const float *from_target;
     global const int *perspectives, *first_levels;
     global const float *closeness;
-    float stride;    /* distance between points along a ray, in depth of the target, scene units */
+    float stride;    /* a step along a ray: change of depth in the target, scene units */
     int perspective; /* 1: the target is perspective */
     int views;       /* number of all views, drawn or not */
     int enclosed;    /* 1: no view saw background, as in a room, so every ray meets a surface */
 } FreeSpace;
 
-/* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns the mask
- * of the points in the view's image, up to the edges of its pixels; (u, v) is clamped to the area between samples. */
+/* Projects the points of the target's pixels (x, y) at nearness n into a view: to (u, v) at depth z. Returns which
+ * points lie in the view's image, whole pixels at its border included; (u, v) is clamped to the area between
+ * samples. */
 INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl *u, floatl *v,
                              floatl *z)
 {
@@ -65,9 +67,9 @@ INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl 
     return (inverse > 0.0f) & (*z > 0.0f) & in_columns & in_rows;
 }
 
-/* Returns which `active` points of the pixels (x, y) at a depth are free. depths: `cell_...`: a view must have seen
- * through the point at all four samples around it; or, with `nearest`, the samples' depths: the nearest sample
- * decides. */
+/* Returns which `active` points of the pixels (x, y) at a depth are free. nearest 0, depths of cells: a point is free
+ * if it lies in front of a view's four samples around it; nearest 1, depths of samples: in front of a view's nearest
+ * sample */
 intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
              intl active)
 {
@@ -87,7 +89,7 @@ intl is_free(const FreeSpace *space, global const float *depths, int nearest, fl
     return free;
 }
 
-/* Bisects the steps from depths in free space to depths that are not free, on the rays in `which`. */
+/* Bisects the steps from the depths `in_free` to the depths `beyond`, which are not free, on the rays in `which`. */
 INLINED void bisect_to_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
                             intl which, floatl *in_free, floatl *beyond)
 {
@@ -99,8 +101,8 @@ INLINED void bisect_to_free(const FreeSpace *space, global const float *depths, 
     }
 }
 
-/* Returns which `active` rays left free space at least a step in front of `depth`, where space is not free. Sets in
- * `entry` the depth at which they left free space. */
+/* Returns which `active` rays left free space in front of `depth`, by at least a step. Sets `entry` to the depth at
+ * which they left it. */
 INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
 {
     floatl inside = depth, outside = depth;
@@ -132,10 +134,10 @@ INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl d
     return found;
 }
 
-/* Returns which `active` rays end in occluded space, behind a surface that a view saw. Such a ray leaves
- * free space behind `depth` and goes on in a view's image, or it left free space in front of `depth`. Sets in `last`
- * the depth of the last free point. Unless the scene is enclosed, rays that come out of occluded space are excluded:
- * most come out within a few steps. */
+/* Returns which `active` rays end in occluded space, behind a surface that a view saw. Such a ray leaves free space in
+ * front of `depth`, or, in an enclosed scene, behind it, and goes on in a view's image. Sets `last` to the depth of the
+ * last free point. Unless the scene is enclosed, rays that have a free point behind `depth` are left out; most reach it
+ * within a few steps. */
 INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;
@@ -156,7 +158,7 @@ INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl dept
     return ends & is_in_any_view(space, x, y, *last + space->stride);
 }
 
-/* Returns which `active` rays leave free space behind `depth`. Sets in `exit` the depth at which they leave it. depths,
+/* Returns which `active` rays leave free space behind `depth`. Sets `exit` to the depth at which they leave it. depths,
  * nearest: as in `is_free` */
 static intl leaves_free_space(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y,
                        floatl depth, intl active, floatl *exit)
@@ -176,8 +178,8 @@ static intl leaves_free_space(const FreeSpace *space, global const float *depths
     return left;
 }
 
-/* Returns which `active` points of the pixels (x, y) at a depth lie at a sample: a view's sample whose pixel contains
- * the point has about the same depth. */
+/* Returns which `active` points of the pixels (x, y) at a depth lie at a sample: in some view, the sample whose pixel
+ * contains the point has nearly the point's depth. */
 intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active)
 {
     const floatl n = DEPTH_OF(space->perspective, select_lanes(active, depth, (floatl)1.0f));
@@ -193,13 +195,14 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
     return found;
 }
 
-/* Returns which `active` rays meet, behind `depth`, the rim of a surface that a view saw, half a sample beyond its last
- * samples. Such a ray comes from the front, and leaves free space at a sample, as the four samples
- * around or the nearest one decide. Rays from the side pass behind the surface. Sets in `rim` the rim's depth. */
+/* Returns which `active` rays meet, behind `depth`, the rim of a surface that a view saw: the half sample beyond the
+ * surface's last samples. Such a ray comes from the front, and leaves free space at a sample, where free space is
+ * judged by the four samples around a point, or else by the nearest sample. Rays from the side pass behind the surface.
+ * Sets `rim` to the rim's depth. */
 static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
     const floatl start = depth -
-                         space->stride / (1 << (HALVINGS - 1)); /* certainly free: bisection errs by less */
+                         space->stride / (1 << (HALVINGS - 1)); /* a free point: bisection errs by less */
     floatl first, later;
     intl leaves = leaves_free_space(space, space->cell_free_depths, 0, x, y, start, active, &first);
     const intl at_once = is_at_sample(space, x, y, first, leaves);
@@ -208,8 +211,8 @@ static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, 
     return at_once | is_at_sample(space, x, y, later, leaves);
 }
 
-/* Returns which pixels (x, y) show a surface that no view saw. Some rays are `within` a solid, which they leave at
- * nearness `back`; others go `through` a sheet. Sets in `n` the surface's nearness. */
+/* Returns which pixels (x, y) show a surface that no view saw. Rays in `within` leave a solid at nearness `back`; rays
+ * in `through` pass a sheet at nearness `sheet`. Sets `n` to the surface's nearness. */
 static intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, intl within, floatl sheet, intl through,
                floatl *n)
 {
@@ -225,9 +228,8 @@ static intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, i
     return solid | on_rim | on_far;
 }
 
-/* Closes a block's pixels (x, y) that show surface that no view saw: sets `front` to its nearness. Returns the mask of
- * these pixels. nearest: nearness of the near plane. back, sheet: nearness of the first back and of the first sheet;
- * EMPTY for none. */
+/* Closes pixels of a block: sets `front` to the nearness of surface that no view saw, and returns at which pixels (x,
+ * y). nearest: nearness of the near plane. back, sheet: nearness of the nearest back and sheet; EMPTY for none. */
 static intl close_block(const FreeSpace *space, float nearest, float epsilon, floatl x, floatl y, floatl back,
                          floatl sheet, floatl *front)
 {
@@ -242,9 +244,9 @@ static intl close_block(const FreeSpace *space, float nearest, float epsilon, fl
     return closed;
 }
 
-/* Finds a view's four samples around the points of the pixels (x, y) at nearness n. off: difference in depth, INFINITY
- * for no sample; share: bilinear weight; at: the sample's index; own: mask of points that are closer to the sample
- * itself than to the continued surface behind it. */
+/* Finds a view's four samples around the points of the pixels (x, y) at nearness n. off: difference in depth between
+ * point and sample, INFINITY for no sample; share: the sample's bilinear weight; at: its index; own: the point is
+ * closer to the sample itself than to the continued surface behind the sample. */
 INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y, floatl n, floatl off[4],
                             floatl share[4], intl at[4], intl own[4])
 {
@@ -265,8 +267,8 @@ INLINED void samples_around(const FreeSpace *space, int view, floatl x, floatl y
     }
 }
 
-/* Adds to the `given` pixels (x, y) the colours of those samples in all views that lie closest to the pixels' points at
- * nearness n. Returns the sums of weights, and sets a bit in `views` for each view that gave colour. */
+/* Adds to the `given` pixels (x, y) the weighted colours of the samples that lie closest in depth to the pixels' points
+ * at nearness n, from all views. Returns the sums of weights, and sets bit k of `views` where view k gave colour. */
 static floatl add_closest(const FreeSpace *space, global const uint *colors, global const int *levels, floatl x, floatl y,
                    floatl n, intl given, Color *sum, intl *views)
 {

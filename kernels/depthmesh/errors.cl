@@ -1,22 +1,22 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
- * A vertex's error joins its distance from the edge that it bisects with the largest error of its children. For a
- * midpoint, the distance is measured in the plane of the edge's direction and the z axis (equation 1); for a centre, in
- * space (equation 2). The sphere of a vertex contains its children's spheres; the finest spheres contain the triangles
- * that their vertices split. So errors and spheres grow from children to parents, and an independent test
- * of each vertex yields a triangulation without cracks (Lindstrom & Pascucci 2001).
+ * A vertex's error is the sum of its own error, the distance from the edge that it bisects, and the largest error of
+ * its children. For a midpoint, the distance is measured in the plane of the edge's direction and the z axis (equation
+ * 1); for a centre, in space (equation 2). A vertex's sphere contains its children's spheres; at the finest step, it
+ * contains the triangles that the vertex splits. So errors and spheres grow from children to parents, and independent
+ * tests of vertices yield a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: the errors of vertex and child are added. The sum is a bound, since a surface without both
- * vertices may be off by both errors. `largest` takes the larger error, as the paper does. A partly drawn triangle has
- * CUT_ERROR times its own length as error, since all of it is lost unless it is split: so depth edges stay at any
- * useful tolerance.
+ * vertices may be wrong by both errors. With `largest`, the larger error counts, as in the paper. All of a partly drawn
+ * triangle is lost unless it is split, so its error is CUT_ERROR times its longest side: at any useful tolerance, the
+ * mesh keeps its depth edges.
  *
  * nearness, placed: (height, pitch), samples.cl; nearness is denoised (smooth.cl). For each vertex, (side + 1, row):
- * states, states.cl; errors in scene units, -1 where nothing is drawn; radii of the bounding spheres, which contain
- * the drawn triangles; depths of their centres, a child's depth if the centre has no sample. Work-item: a row of
- * vertices of step 1, first midpoints, then centres (`find_finest_midpoints`, which also initialises vertices without
- * cells, `find_finest_centers`), a row of a coarser step (`find_errors`), all rows of all coarser steps
- * (`find_coarse_errors`). Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ * states, states.cl; errors: scene units, -1 where nothing is drawn; radii: of the bounding spheres, which contain the
+ * drawn triangles, scene units; depths: of their centres, or a child's depth if the centre has no sample. Work-item:
+ * `find_finest_midpoints`, `find_finest_centers`: a row of midpoints, or centres, of step 1; the first also initialises
+ * vertices without cells. `find_errors`: a row of a coarser step. `find_coarse_errors`: all rows of all coarser steps.
+ * Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
 
@@ -25,8 +25,8 @@
         global float *errors, global float *radii, global float *depths, Layout layout, int largest
 #define TREE_VALUE {nearness, placed, states, errors, radii, depths, largest}
 #define CUT_ERROR 4.0f
-#define UNSEEN 0.75f /* standard deviations: errors that noise may still cause after denoising (smooth.cl) */
-#define MARGIN 0.01f /* samples by which spheres extend beyond their children's: more than the rounding error */
+#define UNSEEN 0.75f /* standard deviations of the noise: after denoising (smooth.cl), smaller errors count as noise */
+#define MARGIN 0.01f /* samples by which a sphere extends beyond its children's: more than rounding errors */
 
 typedef struct {
     global const float *nearness, *placed;
@@ -40,7 +40,7 @@ typedef struct {
     floatl error, radius, depth;
 } Vertices;
 
-/* The sample of a vertex: padding lies on the last column and row. */
+/* The column and row of a vertex's sample: vertices of the padding lie on the last column or row. */
 #define ON_COLUMN(layout, x) min(x, (intl)((layout)->width - 1))
 #define ON_ROW(layout, y) min(y, (intl)((layout)->height - 1))
 
@@ -61,7 +61,7 @@ typedef struct {
     floatl x, y, error, depth;
 } Children;
 
-/* Loads the children at (x, y), and updates the vertices' largest child error, and their depth if it is missing. */
+/* Loads the children at (x, y). Updates their parents v: the largest error of a child, and a missing depth. */
 Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
 {
     Children c;
@@ -75,7 +75,7 @@ Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, in
     return c;
 }
 
-/* Size of samples at a depth, in scene units */
+/* Distance between neighbouring samples at a depth, in scene units */
 floatl sample_size(const Layout *layout, floatl depth)
 {
     return layout->footprint * (layout->perspective ? depth : (floatl)1.0f);
@@ -89,7 +89,7 @@ INLINED void hold_children(const Layout *layout, const Tree *tree, const Childre
     v->radius = select_lanes((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
-/* Own errors of vertices p, of nearness n, that bisect the edges from a to b; 0 if one of the three is no sample */
+/* Own errors of vertices p with nearness n, which bisect the edges from a to b; 0 if a, b or p has no sample */
 INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
                        floatl nb, int centers, int across)
 {
@@ -110,10 +110,10 @@ INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax
     return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
-/* Own errors of centres p, of nearness n, of blocks with these edges; corner: nearness of the corners, row by row. In
- * a `squeezed` block, p lies off the diagonal in the image, too. There the error is the larger of the distances from p
- * to the planes on both sides of the diagonal, without planes through a corner that has no sample: surfaces with and
- * without p differ most at p, and less where the diagonal crosses an edge from p to a corner. */
+/* Own errors of the centres p, with nearness n, of blocks from column `left` to `right` and row `top` to `bottom`.
+ * corner: nearness of the corners, row by row. In a `squeezed` block, p does not lie on the diagonal in the image.
+ * There the error is the larger distance from p to the planes of the two triangles at the diagonal; a plane with a
+ * corner without sample does not count. This is a bound, as surfaces with and without p differ most at p. */
 floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl right, intl top, intl bottom,
                     const floatl corner[4], intl main, intl squeezed)
 {
@@ -124,7 +124,7 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
         return bisected;
     const Vector a = sample_point(layout, left, ay, na), b = sample_point(layout, right, by, nb);
     const Vector ab = minus(b, a), ap = minus(p, a);
-    const floatl rounding = 2.0f * ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z)); /* p is not between a and b */
+    const floatl rounding = 2.0f * ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z)); /* 2: p may lie outside the edge */
     floatl error = 0.0f;
     for (int k = 0; k < 2; k++) {
         const floatl nc = k ? select_lanes(main, corner[1], corner[3]) : select_lanes(main, corner[2], corner[0]);
@@ -136,7 +136,8 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* Joins the excess of the vertices' own errors over the noise with their children's errors, unless nothing is drawn. */
+/* Sets the vertices' errors: adds to their children's the part of their own errors that noise does not explain. Where
+ * nothing is drawn, errors stay -1. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
@@ -162,7 +163,7 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
                       -1.0f,
                       0.0f,
                       select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
-        Children children[4]; /* above, right, below and left of a centre, diagonally next to a midpoint */
+        Children children[4]; /* above, right, below, left of a centre; at the diagonals of a midpoint */
         for (int k = 0; k < 4; k++) {
             const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
             const int dy = centers ? (k == 2 ? s : k == 0 ? -s : 0) : (k >> 1 ? s / 2 : -s / 2);
@@ -198,7 +199,7 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
     }
 }
 
-/* Nearness of the neighbours at offset (dx, dy), each -1, 0 or 1, of the samples x of row y */
+/* Nearness at the offset (dx, dy), each -1, 0 or 1, from the samples x of row y; NO_SURFACE outside the image */
 floatl nearness_next_to(const Layout *layout, global const float *nearness, intl x, int first, int y, int dx, int dy)
 {
     if (y + dy < 0 || y + dy >= layout->height)
@@ -233,7 +234,7 @@ kernel void find_finest_midpoints(ERRORS_PARAMETERS)
             v.depth = select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f);
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
             const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
-            for (int k = 0; k < 5; k++) { /* drawn corners of the triangles that the vertex splits, and the vertex */
+            for (int k = 0; k < 5; k++) { /* the vertex, and corners of triangles that it splits */
                 const int dx = k == 0 ? -1 : k == 1, dy = k == 2 ? -1 : k == 3;
                 const floatl next = nearness_next_to(&layout, placed, x, first, y, dx, dy);
                 const floatl to_x = to_floatl(x + dx) + beyond_sample(x + dx, layout.width);
@@ -277,7 +278,7 @@ kernel void find_finest_centers(ERRORS_PARAMETERS)
             const floatl reach = sqrt(DOT(away, away)) + radius[k] + MARGIN * sample_size(&layout, v.depth);
             v.radius = select_lanes(error[k] >= 0.0f, max_lanes(reach, v.radius), v.radius);
         }
-        const int down = y < layout.height - 1; /* offset of the next row, 0 in the last row of the image */
+        const int down = y < layout.height - 1; /* rows to the row below: 0 in the last row of the image */
         const intl last = x == layout.width - 1;
         floatl corner[4];
         for (int k = 0; k < 4; k++) {

@@ -3,25 +3,25 @@
 /* The depth pass of blended depth meshes (Pajarola, Sainz & Meng 2003, section 4.3): the nearest surface of each mesh
  * at the pixels of a region (raster/region.h), for the colour pass in blend.cl.
  *
- * The results are stored in global memory, as private memory is too small for all meshes. Views that are not drawn, and
- * sheets, count only in holes of the drawn views.
+ * The results are stored in global memory, as private memory is too small for all meshes. Other views and sheets are
+ * drawn only in holes of the drawn views.
  */
 #include "raster/nearest.h"
 
 #ifndef CLOSED
-#define CLOSED 0 /* BY_RAYS: surface that no view saw is closed (closing.h). BY_SHEETS: the other meshes fill holes */
+#define CLOSED 0 /* holes: BY_RAYS: closed where no view saw the surface (closing.h). BY_SHEETS: filled by other meshes */
 #endif
 #define BY_RAYS 1
 #define BY_SHEETS 2
 
-/* Numbers of meshes of each kind, in their order. Sheets (triangles that segmentation removed) and backs (meshes with
- * fronts and backs exchanged) indicate surface that no view saw. Others, the meshes of views that are not drawn, show
- * in holes. */
+/* How many meshes there are of each kind, in the order of the meshes. Sheets (triangles that segmentation removed) and
+ * backs (meshes with fronts and backs exchanged) indicate surface that no view saw. Others are the meshes of views that
+ * are not drawn; they show in holes. */
 typedef struct {
     int sheets, backs, others, views;
 } MeshCounts;
 
-/* First place in the ascending list whose entry is not below `number` */
+/* The first place in a bin's list, which ascends, whose triangle is `number` or greater */
 int lower_bound(BinList listed, int number)
 {
     int first = listed.first, last = listed.last;
@@ -35,8 +35,8 @@ int lower_bound(BinList listed, int number)
     return first;
 }
 
-/* Draws the meshes [first, last) of a bin's list together into the region at (x, y), only where they are nearer than
- * `so_far`, the nearness by block. */
+/* Draws the meshes `first` to `last` - 1 of a bin's list together into the region at (x, y), where they are nearer than
+ * `so_far`. */
 INLINED void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first,
                         int last, int x, int y, const floatl *so_far)
 {
@@ -51,14 +51,14 @@ INLINED void draw_range(const Context *context, Region *region, BinList listed, 
     draw_list(context, region, range);
 }
 
-/* Nearness and triangle of each single mesh at a region's pixels, in the work-item's part of global memory */
+/* The nearness and triangle of each mesh at a region's pixels, in the work-item's part of global memory */
 typedef struct {
     global float *nearness;
     global int *owner; /* triangle, -1: none */
-    size_t next;       /* stride from one mesh to the next */
+    size_t next;       /* elements from one mesh to the next */
 } MeshLayers;
 
-/* Nearness of the nearest surface of each kind of mesh, at a region's pixels */
+/* For each kind of mesh, the nearness of the nearest surface at a region's pixels; EMPTY for none */
 typedef struct {
     floatl views[BLOCKS];
 #if CLOSED
@@ -69,8 +69,8 @@ typedef struct {
 #endif
 } Fronts;
 
-/* Draws each of the meshes [first, last) into its own layer, only where it is nearer than `so_far`. Sets in `front` the
- * nearness of the nearest mesh. */
+/* Draws each of the meshes `first` to `last` - 1 into its own layer, where it is nearer than `so_far`. Sets `front` to
+ * the nearness of the nearest mesh. */
 INLINED void draw_layers(const Context *context, Region *region, const MeshLayers *layers, BinList listed,
                  global const int *firsts, int first, int last, int x, int y, const floatl *so_far, floatl *front)
 {
@@ -94,7 +94,7 @@ OUTLINED int draw_depths(const Context *context, const MeshLayers *layers, MeshC
 {
     const int unseen = counts.sheets + counts.backs, meshes = counts.others + counts.views;
     Region region;
-    floatl so_far[BLOCKS]; /* EMPTY at first; later INFINITY outside holes, where nothing is nearer */
+    floatl so_far[BLOCKS]; /* EMPTY at first; later INFINITY outside holes, so that nothing is drawn there */
     for (int block = 0; block < BLOCKS; block++)
         so_far[block] = EMPTY;
     draw_layers(context, &region, layers, listed, firsts + unseen, counts.others, meshes, x, y, so_far, fronts->views);

@@ -1,21 +1,22 @@
 /* Segmentation of a depth image, positions of the vertices at the border, and normals of the samples.
  *
- * `segment` finds the triangles that bridge two surfaces (rubber sheets) and are not drawn. TEST_ORTHOGONALITY is the
- * test of the paper: such a triangle is seen edge-on (equation 3) and is long in depth (equation 4). In orthographic
- * views z has no fixed origin, so the depth range is relative to the extent of the view. Beyond the paper, triangles
- * of a surface that continues straight, like a distant floor, are kept; TEST_CONNECTEDNESS decides this.
- * TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is kept if it is short, or if the line of samples on
- * either side continues over it (in nearness, which is linear on planes). TEST_DISPARITY: a triangle is removed if
- * nearness within it differs too much (Oliveira & Bishop 1998). TEST_NONE keeps all triangles. Beyond the papers, no
- * test counts differences that the sensor's noise explains (`noise`).
+ * `segment` finds the triangles that bridge two surfaces (rubber sheets), which are not drawn. TEST_ORTHOGONALITY is
+ * the test of the paper (Pajarola, Sainz & Meng 2003): such a triangle is seen edge-on (equation 3) and is long in
+ * depth (equation 4). In orthographic views z has no fixed origin, so the depth range is relative to the view's extent.
+ * Beyond the paper, triangles of a surface that continues straight, like a distant floor, are kept; the rule of
+ * TEST_CONNECTEDNESS decides this, with a smaller gap. TEST_CONNECTEDNESS (Mark, McMillan & Bishop 1997): an edge is
+ * kept if the nearness of its two samples differs little, or if the line through samples on one side continues along
+ * the edge (in nearness, which is linear on planes). TEST_DISPARITY: a triangle is removed if the nearness of its
+ * corners differs too much (Oliveira & Bishop 1998). TEST_NONE keeps all triangles. Beyond the papers, each test
+ * ignores differences that the sensor's noise explains (`noise`).
  *
  * `place_border` computes the nearness of the vertices that are drawn half a pixel beyond the outermost samples: it
- * extrapolates the line through the sample and the next one inside, so the surface passes through the sample.
+ * extends the line from the next sample inside through the outermost one, so the surface passes through both.
  *
  * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * placed: (height, pitch) nearness of the drawn vertices: the samples' nearness except at the border.
- * normals: (3, height, pitch) in the view's frame, towards the camera, from the differences to neighbours that share a
- * drawn triangle; (0, 0, -1) if there are none.
+ * normals: (3, height, pitch) unit normals in the view's frame, towards the camera, from the differences to neighbours
+ * that share a drawn triangle; (0, 0, -1) if there are none.
  * Work-item: a row. Cost: O(samples). Determinism: samples are independent.
  */
 #include "depthmesh/tree.h"
@@ -24,14 +25,14 @@
 #define TEST_CONNECTEDNESS 1
 #define TEST_DISPARITY 2
 #define TEST_NONE 3
-#define STRAIGHT 0.1f /* fraction of the gap: TEST_ORTHOGONALITY keeps surfaces that continue with less deviation */
+#define STRAIGHT 0.1f /* times `gap`: TEST_ORTHOGONALITY keeps surfaces that deviate less from a straight line */
 
 typedef struct {
     int test;          /* TEST_...: decides which triangles are rubber sheets */
-    float sine;        /* a triangle is edge-on if the sine of its angle to the line of sight is smaller */
-    float depth_range; /* largest range of depths in a triangle of a surface, relative to z or to the extent */
+    float sine;        /* a triangle is edge-on if the sine of its angle to the line of sight is less */
+    float depth_range; /* largest range of depths in a triangle of one surface, as a fraction of z or of the extent */
     float extent;      /* extent of an orthographic view's samples, in scene units */
-    float gap;         /* largest relative difference of nearness between neighbouring samples of a surface */
+    float gap;         /* largest difference in nearness on one surface, as a fraction of the nearness or of the extent */
     float noise[3];    /* a, b, c: depths of one surface may differ by a z z + b z + c at depth z */
 } Segmentation;
 
@@ -61,7 +62,7 @@ INLINED intl bridges(const Layout *layout, const Segmentation *rule, Vector p, V
     return (along * along < rule->sine * rule->sine * sizes) & (SPREAD(p.z, q.z, r.z) > allowed);
 }
 
-/* Do the sample (x, y) and the next one along x or y belong to one surface? */
+/* Do the sample (x, y) and the next sample along x, or y, belong to one surface? (dx, dy): (1, 0), or (0, 1) */
 intl is_connected(const Layout *layout, const Segmentation *rule, global const float *nearness, intl x, intl y, int dx,
                   int dy)
 {
@@ -152,15 +153,15 @@ int is_edge_drawn(const Layout *layout, global const uchar *cells, int x, int y,
 /* Direction inwards from an outermost sample along an axis of `count` samples: 1 or -1, 0 at inner samples */
 #define INWARDS(x, count) ((x) == 0 ? 1 : (x) == (count) - 1 ? -1 : 0)
 
-/* Limits the change of nearness over the half pixel beyond a sample to half of its nearness: depths stay positive. */
+/* Limits the nearness half a pixel beyond a sample to within half of the sample's nearness: depths stay positive. */
 float limited(float beyond, float sample)
 {
     const float least = (1.0f - BORDER) * sample, most = (1.0f + BORDER) * sample;
     return clamp(beyond, fmin(least, most), fmax(least, most));
 }
 
-/* Nearness half a pixel beyond an outermost sample: on the line through it and the next sample inside, if an edge joins
- * them; else the sample's own */
+/* Nearness half a pixel beyond an outermost sample: on the line from the next sample inside, if a drawn triangle has
+ * the edge between the two; else the sample's own */
 INLINED float nearness_beyond(const Layout *layout, global const float *nearness, global const uchar *cells, int x, int y)
 {
     const int dx = INWARDS(x, layout->width), dy = INWARDS(y, layout->height);
@@ -170,7 +171,8 @@ INLINED float nearness_beyond(const Layout *layout, global const float *nearness
     return limited(*here + BORDER * (*here - here[dy * layout->pitch + dx]), *here);
 }
 
-/* Nearness beyond a corner without a diagonal, such that the plane of its only triangle passes through its sample */
+/* Nearness of the vertex beyond an image corner where no diagonal ends: the plane of the corner's only triangle passes
+ * through the corner's sample */
 static float nearness_beyond_corner(const Layout *layout, global const float *nearness, global const uchar *cells, int x,
                              int y)
 {
@@ -178,7 +180,7 @@ static float nearness_beyond_corner(const Layout *layout, global const float *ne
     const float n = nearness[(size_t)y * layout->pitch + x];
     if (!is_edge_drawn(layout, cells, x, y, dx, 0))
         return n;
-    /* Half a pixel, as a fraction of the triangle's legs, which are one cell long and extended at the border */
+    /* Half a pixel, as a fraction of the triangle's legs: a leg is one cell long, plus half a pixel at each border */
     const float share_x = BORDER / (1.0f + BORDER * (layout->width == 2 ? 2 : 1));
     const float share_y = BORDER / (1.0f + BORDER * (layout->height == 2 ? 2 : 1));
     const float next_x = nearness_beyond(layout, nearness, cells, x + dx, y);
@@ -234,7 +236,8 @@ kernel void find_normals(global const float *nearness, global const uchar *cells
         const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);
         const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
         const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0), main = ((x ^ y) & 1) == 0;
-        /* Diagonals alternate from cell to cell, and so do the triangles with the edges along y. */
+        /* Diagonals alternate from cell to cell, and with them the triangles that have an edge along y at the
+         * sample. */
         const intl above = select_lanes(main, STATE_A(upper_left) | STATE_A(upper_right),
                                         STATE_B(upper_left) | STATE_B(upper_right));
         const intl beneath = select_lanes(main, STATE_B(lower_left) | STATE_B(lower_right),

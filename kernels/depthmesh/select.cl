@@ -1,27 +1,29 @@
 /* From the quadtree to triangles (Pajarola, Sainz & Meng 2003, section 3.4).
  *
- * `activate` marks the vertices that a target needs: the projected error exceeds the tolerance (equation 5) at the
- * nearest point of the bounding sphere, and the sphere lies within the target's view. Errors and spheres include the
- * children's, so vertices are tested independently, and no cracks arise. A triangle belongs to the triangulation if the
- * vertex at its right angle is active and the vertex that would split it is not; it is drawn if segmentation keeps
- * all of it. `find_triangles` finds these triangles, `list_points` and `list_triangles` list them.
+ * `activate` marks the vertices that a target needs: vertices whose error, projected from the nearest point of their
+ * bounding sphere, exceeds the tolerance (equation 5), if the sphere meets the target's view. A vertex's error and
+ * sphere include its children's, so vertices are tested independently, and no cracks arise. A triangle belongs to the
+ * triangulation if the vertex at its right angle is active and the vertex that would split it is not. It is drawn if
+ * segmentation keeps all of its cells. `find_triangles` finds the drawn triangles and counts the points, `list_points`
+ * and `list_triangles` list them.
  *
  * Deviations from the paper: the distance is measured to the sphere, not to the vertex, as the independent tests
- * require. A viewer that will move may select more than it needs, by a finer tolerance and a wider view;
- * `motion_limits` bound the motion for which the selection suffices.
+ * require. For a viewer that will move, more may be selected, with a finer tolerance and a wider view; `motion_limits`
+ * tell how far the viewer may move until the selection no longer suffices.
  *
- * placed: samples.cl. For each vertex, (side + 1, row): active, tree.h; drawn: bit k is set if the k-th triangle with
- * its right angle there is drawn; numbers: the indices of listed points. counts, firsts: (side + 1, 2) for each row,
- * the counts of points and of triangles, and the indices of the first point and triangle. points: (points, 4) position
- * in the view, tree.h, and quality |n z| if rated. corners: (triangles, 3) indices of points, counter-clockwise as
- * seen by the view, with the right angle second. motion_limits: (side + 1, 2) minima over the inactive vertices of a
- * row, in scene units: the motion of the eye after which the projected error may exceed `allowed`, and the distance of
- * a vertex out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
+ * placed: samples.cl. For each vertex, (side + 1, row): errors, radii, depths: errors.cl; active: tree.h; drawn: bit k
+ * is set if the k-th triangle with its right angle at the vertex is drawn; numbers: the point's index in `points`.
+ * counts: (side + 1, 2) numbers of points and triangles of each row; firsts: (side + 1, 2) indices of each row's first
+ * point and triangle. points: (points, 4) a, b, c of tree.h, and quality |n z| if `rated`. corners: (triangles, 3)
+ * indices of points, counter-clockwise as seen by the view, with the right angle second. motion_limits: (side + 1, 2)
+ * minima over a row's inactive vertices, in scene units: how far the eye may move until a projected error may exceed
+ * `allowed`; and the eye's distance from vertices that are inactive only because they are out of view. Work-item: a row
+ * of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
  */
 #include "depthmesh/tree.h"
 
 #define POINTS 1024
-#define AT_THE_EYE 1e-20f /* scene units: distance if the eye is in a sphere; > 0, so that errors of 0 never count */
+#define AT_THE_EYE 1e-20f /* scene units: distance of a sphere that contains the eye; > 0, so errors of 0 never count */
 
 typedef struct {
     float eye[3];      /* position of the target's camera in the frame of the view's camera */
@@ -29,7 +31,7 @@ typedef struct {
     float scale;       /* pixels per scene unit: at distance 1 (perspective), everywhere (orthographic) */
     float tolerance;   /* pixels */
     float allowed;     /* pixels, at least the tolerance: the error that `motion_limits` refer to */
-    float widening;    /* margin of the view, in scene units beyond its planes at distance 1 */
+    float widening;    /* the view's planes are moved outwards by this times the distance from the eye */
     int perspective;
 } Viewer;
 
@@ -54,7 +56,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
             const floatl distance = viewer.perspective ? fmax(from_eye - radius, (floatl)AT_THE_EYE) : (floatl)1.0f;
             const intl large = known & (error * viewer.scale >= viewer.tolerance * distance);
             needed = large;
-            /* The spheres of children lie within their parent's, also with this margin. */
+            /* With this margin, too, children's spheres lie within their parent's. */
             const floatl margin = radius + viewer.widening * (from_eye + radius);
             for (int k = 0; k < 5; k++) {
                 const float *plane = viewer.planes[k];
@@ -71,7 +73,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
     mark_corners(&layout, active, y);
 }
 
-/* Column of the first marked vertex of a row from x on; greater than `side` if there is none */
+/* Column of the first marked vertex in a row, from column x on; greater than `side` if there is none */
 int next_marked(global const uchar *row, int x, int side)
 {
     for (; x <= side; x++) {
@@ -83,11 +85,11 @@ int next_marked(global const uchar *row, int x, int side)
     return x;
 }
 
-/* Is side b (0: A, 1: B) of the vertex `at` unsplit, and are all of its cells drawn? */
+/* Is side b (0: A, 1: B) of the vertex `at` not split, and are all cells of this side drawn? */
 #define IS_DRAWN(at, b) (!IS_ACTIVE(active[at]) & (((b) ? STATE_B(states[at]) : STATE_A(states[at])) == DRAWN))
 
-/* The drawn triangles with their right angle at the vertex (x, y), a bit each, clockwise. The first lies above a
- * centre, or to the upper left of a midpoint. */
+/* The drawn triangles with their right angle at the vertex (x, y): a bit for each place around it, clockwise. Bit 0 is
+ * above a centre, or to the upper left of a midpoint. */
 int triangles_at(const Layout *layout, global const uchar *active, global const uchar *states,
                  global const uchar *cells, int x, int y)
 {
@@ -114,14 +116,15 @@ int triangles_at(const Layout *layout, global const uchar *active, global const 
     return found;
 }
 
-/* Lists the samples on which vertices of the padding lie. Work-item: the vertices of a row and of a column. */
+/* Marks as LISTED the border samples on which active vertices of the padding lie. Work-item: the vertices of a row and
+ * of a column. */
 kernel void list_border(global uchar *active, Layout layout)
 {
     const int at = get_global_id(0), right = layout.width - 1, bottom = layout.height - 1;
     if (at > layout.side)
         return;
     for (int s = 1; s <= layout.side && !(at & (s - 1)); s *= 2) {
-        /* For each step, the first vertex beyond the border: triangles of farther vertices have no area. */
+        /* For each step, only the first vertex beyond the border: triangles of farther vertices have no area. */
         const int x = (right + s - 1) & -s, y = (bottom + s - 1) & -s;
         if (active[at * layout.row + x])
             active[min(at, bottom) * layout.row + right] |= LISTED;
@@ -188,7 +191,7 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
         for (int k = 0; k < 4; k++) {
             if (!(drawn[start + x] >> k & 1))
                 continue;
-            /* Rounding may leave a parent unlisted although its child is listed: then the triangle has no area. */
+            /* Rounding may leave a corner unlisted: the right angle replaces it, and the triangle has no area. */
             next[0] = numbers[active[corner[k]] ? corner[k] : middle];
             next[1] = numbers[middle];
             next[2] = numbers[active[corner[k + 1]] ? corner[k + 1] : middle];
@@ -198,7 +201,7 @@ kernel void list_triangles(global const uchar *active, global const uchar *drawn
 }
 
 /* Projects the points of several meshes into the target's pixel space. firsts: (meshes + 1,) index of each mesh's
- * first point. maps: (meshes, 16), applied to (a, b, c, 1). projected: (points, 4). Work-item: POINTS points. */
+ * first point. maps: (meshes, 16) matrices for (a, b, c, 1). projected: (points, 4). Work-item: POINTS points. */
 kernel void project_points(global const float *points, global const int *firsts, global const float *maps, int meshes,
                            global float *projected)
 {

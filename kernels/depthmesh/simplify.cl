@@ -1,18 +1,19 @@
-/* Triangulation within a vertical error, independent of the viewer.
+/* Triangulation of a depth image with a bound on the error in depth, independent of the viewer.
  *
- * Starting from the coarsest triangles, each triangle is split if its depth is off by more than max_error at any
- * sample within it, not only at the vertex that would split it, so max_error is a bound. To avoid cracks, other
- * triangles are split with it. Every triangulation within the bound needs each of these splits, so none has fewer
- * triangles. Planes are affine in nearness, so the differences are exact for both projections.
+ * Starting from the coarsest triangles, each triangle is split if its depth is wrong by more than max_error at any
+ * sample within it. All samples are tested, not only the vertex that would split the triangle, so max_error is a bound.
+ * To avoid cracks, a split may force splits of other triangles. Every triangulation of the tree within the bound needs
+ * each of these splits, so no other has fewer triangles. Planes are affine in nearness, so nearness is compared, for
+ * both projections.
  *
  * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, filled with 0 by
- * the caller. pool: chunks of CHUNK ints, from which work-items build stacks. A chunk holds the indices of the chunks
- * below and above it, then vertices. used: (1,) number of used chunks. coarse: a step. Work-item: all vertices of at
- * least the coarse step (`refine_coarse`); then each of these with all dependent vertices that no other work-item has
- * taken (`refine`). Work-items may see each other's marks late or never: an atomic operation decides which of them
- * takes a vertex. Cost: O(triangles + samples): most triangles that are split fail at the first samples, and other
- * triangles are read in rows, LANES samples at a time. Determinism: each split follows from single vertices, so the
- * set of splits is the same in any order.
+ * the caller. pool: chunks of CHUNK ints; each work-item builds a stack of vertices from chunks. A chunk holds the
+ * indices of the chunks below and above it, then vertices. used: (1,) number of used chunks. coarse: a step (tree.h).
+ * Work-item: `refine_coarse`: all vertices with steps from `coarse` up; then `refine`: one of these vertices, and all
+ * vertices that follow from it and that no other work-item has taken. A work-item may see marks of others late or
+ * never, so an atomic operation decides which work-item takes a vertex. Cost: O(triangles + samples): most triangles
+ * that must be split are recognised at the first samples; other triangles are read in rows, LANES samples at a time.
+ * Determinism: whether a triangle is split does not depend on the order of the tests.
  */
 #include "depthmesh/tree.h"
 
@@ -21,16 +22,16 @@
 #endif
 
 #define NO_CHUNK -1
-#define ON_EDGE 1e-3f /* samples: largest distance from an edge at which a sample counts as on the edge */
+#define ON_EDGE 1e-3f /* samples: within this distance, a sample outside a triangle counts as on its edge */
 
-/* An edge of a triangle: it crosses row y at the column x + (y - low) * slope */
+/* An edge of a triangle, from row `low` to row `high`: it crosses row y at the column x + (y - low) * slope. */
 typedef struct {
     float x, slope, low, high;
 } RowEdge;
 
-/* A drawn triangle, which extends to the edges of the image. Its corners are the start of the longest side, the right
- * angle and the end of the longest side: `corner` holds their samples, `at` their drawn positions, `n` their nearness.
- * Its plane has the nearness n[1] + (x - at[1].x) * per_x + (y - at[1].y) * per_y. */
+/* A drawn triangle. Its corners are the start of the longest side, the right angle and the end of the longest side:
+ * `corner` holds their samples, `at` their drawn positions (half a pixel farther out at the border), `n` their
+ * nearness. Its plane has the nearness n[1] + (x - at[1].x) * per_x + (y - at[1].y) * per_y. */
 typedef struct {
     int2 corner[3], low, high; /* low, high: least and greatest coordinates of the corners */
     float2 at[3];
@@ -46,7 +47,7 @@ RowEdge row_edge(float2 a, float2 b)
     return edge;
 }
 
-/* Widens a range of columns up to the point where the row crosses the edge. */
+/* Widens `part`, the first and last column of a row in a triangle, to the column where the row crosses an edge. */
 void widen_to_edge(RowEdge edge, float row, float2 *part)
 {
     if (row < edge.low || row > edge.high)
@@ -62,7 +63,7 @@ int2 sample_of(const Layout *layout, int2 v)
     return min(v, (int2)(layout->width - 1, layout->height - 1));
 }
 
-/* Fills in the triangle on side b (0: A, 1: B) of the vertex (x, y) of step s. Returns whether it has an area. */
+/* Sets t to the triangle on side b (0: A, 1: B) of the vertex (x, y) of step s. Returns whether its area is not 0. */
 int triangle_within(const Layout *layout, global const float *placed, int x, int y, int s, int b, Within *t)
 {
     const int centers = IS_CENTER(x, y, s), across = (x & s) != 0, rises = centers && !IS_MAIN(x, y, s);
@@ -112,7 +113,7 @@ typedef struct {
     int chunk, height; /* top of the stack of active vertices whose parents and children are not visited yet */
 } Work;
 
-/* Are planes of nearness p off samples of nearness n by more than max_error in depth? Computed without division. */
+/* Do a plane of nearness p and a sample of nearness n differ by more than max_error in depth? Without division */
 #define IS_OFF(p, n) (fabs((p) - (n)) > work->max_error * (layout->perspective ? fabs((p) * (n)) : 1.0f))
 #define NEARNESS_AT(v) work->nearness[(v).y * layout->pitch + (v).x]
 
@@ -126,7 +127,7 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
     triangle_within(layout, work->placed, x, y, s, b, &t);
     const int is_inner = t.low.x > 0 && t.low.y > 0 && t.high.x < layout->width - 1 && t.high.y < layout->height - 1;
     if (is_inner) {
-        /* Check the vertex itself and the centres of the two legs first: they are off most often. */
+        /* Check the vertex itself and the middles of the two legs first: there the plane is wrong most often. */
         const int2 start = t.corner[0], q = t.corner[1], end = t.corner[2];
         if (IS_OFF(0.5f * (t.n[0] + t.n[2]), NEARNESS_AT((int2)(x, y))))
             return 1;
@@ -156,7 +157,7 @@ int must_split(const Layout *layout, const Work *work, int x, int y, int s, int 
 #define BYTE_IN_WORD(at) (24 - 8 * ((at) & 3))
 #endif
 
-/* Puts a chunk on top of a stack: one of its earlier chunks, or a new one. */
+/* Puts a chunk on top of a stack: a chunk that the stack used before, or a new one. */
 void add_chunk(Work *work)
 {
     const int below = work->chunk;
@@ -185,7 +186,7 @@ void activate_vertex(const Layout *layout, Work *work, int x, int y)
     work->pool[CHUNK * work->chunk + work->height++] = at;
 }
 
-/* Visits the child (x, y) of step s of an active vertex; its side b is a triangle of the triangulation. */
+/* Activates the child (x, y) of step s of an active vertex, if the child's triangle on side b must be split. */
 void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
 {
     const int in = x >= 0 && x <= layout->side && y >= 0 && y <= layout->side;
@@ -193,8 +194,8 @@ void visit_child(const Layout *layout, Work *work, int x, int y, int s, int b)
         activate_vertex(layout, work, x, y);
 }
 
-/* Activates the vertices that follow from the active vertex `at`: its parents, and children of steps below `coarse`
- * whose triangles must be split. */
+/* Activates the vertices that follow from the active vertex `at`: its parents, and, if the children's step is less than
+ * `coarse`, the children whose triangles must be split. */
 INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
 {
     const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
@@ -205,14 +206,15 @@ INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
     const int child = is_center ? s : s / 2;
     if (child < work->finest || child >= coarse)
         return;
-    for (int k = 0; k < 4; k++) { /* above, right, below and left of a centre, diagonally next to a midpoint */
+    for (int k = 0; k < 4; k++) { /* children above, right, below, left of a centre; at the diagonals of a midpoint */
         const int dx = is_center ? (k == 1) - (k == 3) : k & 1 ? 1 : -1;
         const int dy = is_center ? (k == 2) - (k == 0) : k >> 1 ? 1 : -1;
         visit_child(layout, work, x + child * dx, y + child * dy, child, is_center ? k % 3 == 0 : !(k >> 1));
     }
 }
 
-/* Propagates from the vertices on the stack, one after the other. coarse: as in `propagate`, for the first vertex */
+/* Calls `propagate` for the vertices on the stack until it is empty. coarse: for the first vertex; others have no
+ * limit */
 INLINED void propagate_all(const Layout *layout, Work *work, int coarse)
 {
     for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0;

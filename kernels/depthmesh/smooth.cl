@@ -1,16 +1,16 @@
-/* Denoised samples for the errors of the quadtree, so that noise alone splits no triangle.
+/* Denoised samples, from which errors.cl computes the quadtree's errors, so that noise alone splits no triangle.
  *
- * The nearness of each sample moves towards the means of pairs of opposite neighbours, so planes of any slope stay
- * unchanged. Pairs whose mean is off by more than PAIR_REACH standard deviations of the noise lie on other surfaces and
- * are ignored; other pairs weigh less the more they are off.
+ * Each sample's nearness moves towards the means of pairs of opposite neighbours, so planes of any slope stay
+ * unchanged. A pair weighs less the more its mean differs from the sample. If they differ by more than PAIR_REACH
+ * standard deviations of the noise, the pair lies on other surfaces and is ignored.
  *
  * nearness, smoothed: (height, pitch), picture/nearness.cl. Work-item: a row. Cost: O(samples), 48 neighbours each.
  * Determinism: samples are independent.
  */
 #include "depthmesh/tree.h"
 
-#define PAIR_RADIUS 3     /* samples */
-#define PAIR_REACH 4.5f /* standard deviations */
+#define PAIR_RADIUS 3     /* samples: largest offset of a neighbour along each axis */
+#define PAIR_REACH 4.5f /* standard deviations of the noise */
 
 /* Nearness of the samples (x + dx, row); NO_SURFACE outside the image */
 INLINED floatl nearness_at(const Layout *layout, global const float *nearness, intl x, int first, int row, int dx)

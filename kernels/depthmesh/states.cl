@@ -1,14 +1,14 @@
-/* States of the quadtree's triangles, from fine to coarse: all, some or none of the cells within a triangle are drawn
- * (Pajarola, Sainz & Meng 2003, section 3.3: segmentation passed up by boolean rules).
+/* States of the quadtree's triangles, from fine to coarse: whether all, some or none of a triangle's cells are drawn
+ * (Pajarola, Sainz & Meng 2003, section 3.3).
  *
  * The state of a triangle is the union of the states of its two halves, which are sides of children of the vertex. In
  * a block that is squeezed into the image (tree.h), the diagonal does not pass through the centre, so each side gets
  * the union of both sides' states.
  *
- * cells: samples.cl. states: (side + 1, row) states of both sides of each vertex (tree.h).
- * Work-item: a row of vertices (`find_finest_states`: writes the states of step 1, and 0 for other vertices), a row of
- * vertices of a coarser step (`find_states`), all rows of all coarser steps (`find_coarse_states`). Cost: O(vertices).
- * Determinism: nothing depends on an order.
+ * cells: samples.cl. states: (side + 1, row) states of both sides of each vertex (tree.h). Work-item:
+ * `find_finest_states`: a row of vertices; writes the states of step 1, and 0 for other vertices. `find_states`: a row
+ * of a coarser step. `find_coarse_states`: all rows of all coarser steps. Cost: O(vertices). Determinism: nothing
+ * depends on an order.
  */
 #include "depthmesh/tree.h"
 
@@ -25,12 +25,12 @@ kernel void find_finest_states(global const uchar *cells, global uchar *states, 
             const intl upper_right = cell_next_to(&layout, cells, x, first, y, 0, -1);
             const intl lower_left = cell_next_to(&layout, cells, x, first, y, -1, 0);
             const intl lower_right = cell_next_to(&layout, cells, x, first, y, 0, 0);
-            /* Triangles that meet the vertex, on its left and right, above and below */
+            /* States of the triangles at the vertex: on its left and right, above and below it */
             const intl left = STATE_B(upper_left) | STATE_A(lower_left),
                        right = STATE_A(lower_right) | STATE_B(upper_right);
             const intl above = STATE_B(upper_left) | STATE_B(upper_right),
                        below = STATE_A(lower_left) | STATE_A(lower_right);
-            /* Triangles of the block around a centre that do not meet the centre */
+            /* In the block around a centre: states of the triangles that do not touch the centre */
             const intl top = STATE_A(upper_left) | STATE_A(upper_right),
                        bottom = STATE_B(lower_left) | STATE_B(lower_right);
             const intl a = across ? above : select_lanes(odd, top | select_lanes(main, right, left), left);

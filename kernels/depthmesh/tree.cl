@@ -1,4 +1,4 @@
-/* All kernels that make a view's mesh, as one program: starting a build takes longer than compiling a kernel. */
+/* All kernels that make a view's mesh. They are one program, because each build of a program has a high fixed cost. */
 #include "depthmesh/errors.cl"
 #include "depthmesh/samples.cl"
 #include "depthmesh/select.cl"

@@ -3,23 +3,23 @@
 /* The restricted quadtree over a depth image's samples (Pajarola 1998; Pajarola, Sainz & Meng 2003, section 3.2).
  *
  * Vertices are the points (x, y) of a square grid. The number of cells along its side is a power of two, and the
- * image covers the upper left part of the grid. The rest is padding: its vertices lie on the last column and row of
- * the image, so triangles in the padding have no area, and triangles that cross the border are squeezed into the
+ * image covers the upper left part of the grid. The rest is padding, whose vertices are moved to the image's last
+ * column or row. So triangles in the padding have no area, and triangles that cross the border are squeezed into the
  * image. As columns and rows keep their order, no triangle turns over, and the triangles cover the whole image.
  *
- * Each vertex except the four corners bisects an edge of the next coarser triangulation. With s the largest power of
- * two that divides x and y, a vertex is
+ * Each vertex except the four corners bisects an edge of the next coarser triangulation. The step s of a vertex is the
+ * largest power of two that divides x and y. A vertex is
  *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
- *   a midpoint (one of the two is odd): it bisects the edge that reaches s to either side, along x or along y.
+ *   a midpoint (either x/s or y/s is odd): it bisects an edge along x or y, from s before it to s behind it.
  * The diagonal of a block runs from its upper left to its lower right corner (`main`) if the sum of its column and
- * row is even, so the diagonals of four blocks meet in the centre of their parent. The two triangles that share the
- * bisected edge are the sides of the vertex: side A lies above (or left of an edge along y), side B below (or right).
- * Splitting a side makes two triangles. Each is a side of another vertex, a child of this one. The children of a
- * midpoint are the centres at (+-s/2, +-s/2), the children of a centre are the midpoints at (+-s, 0) and (0, +-s). In
- * a triangulation without cracks, the parents of each active vertex are active.
+ * row is even, so the diagonals of four blocks meet in the centre of the larger block that they form. The two triangles
+ * that share the bisected edge are the sides of the vertex: side A above it (left, if the edge is along y), side B
+ * below (or right). A side is split into two triangles. Each is a side of another vertex, a child of this one. The
+ * children of a midpoint are the centres at (+-s/2, +-s/2), the children of a centre are the midpoints at (+-s, 0) and
+ * (0, +-s). In a triangulation without cracks, the parents of each active vertex are active.
  *
- * A sample covers its pixel: vertices at outermost samples are drawn half a pixel farther out, with the nearness that
- * samples.cl computes there. The states and errors of vertices refer to the samples.
+ * A sample stands for its whole pixel, so vertices at outermost samples are drawn half a pixel farther out, with the
+ * nearness that samples.cl computes there. The states and errors of vertices refer to the samples.
  *
  * The point at pixel (x, y) and depth z is stored as (a, b, c): (x z, y z, z) in a perspective view, (x, y, -z) in an
  * orthographic view. A 4x4 matrix maps (a, b, c, 1) to another camera's pixel space.
@@ -29,9 +29,9 @@
 #include "lib/surface.h"
 #include "lib/vectors.h"
 
-/* State of a triangle: one bit if it contains drawn cells, one if undrawn cells; 0 if there is no triangle. The byte
- * of a vertex holds side A in its lower two bits and side B in the next two. In the byte of a cell, A is the upper
- * triangle and B the lower one. */
+/* The state of a triangle has the bit DRAWN if it contains drawn cells, and UNDRAWN if it contains undrawn cells; it is
+ * 0 if there is no triangle. The byte of a vertex holds the state of side A in its lower two bits and of side B in the
+ * next two. In the byte of a cell, A is the upper triangle and B the lower one. */
 #define UNDRAWN 1
 #define DRAWN 2
 #define SIDE_BITS 2
@@ -40,7 +40,7 @@
 
 typedef struct {
     float ray[6];    /* the sample (x, y) lies at (ray[0] x + ray[1] y + ray[2], ray[3] x + ray[4] y + ray[5], 1) z;
-                        in an orthographic view, at these x and y and at depth z */
+                        in an orthographic view, only the third coordinate is multiplied by z */
     float footprint; /* size of a sample in scene units, at depth 1 in a perspective view */
     float noise[3];  /* a, b, c: standard deviation a z z + b z + c of the depths at depth z; 0 if not known */
     int perspective;
@@ -52,7 +52,7 @@ typedef struct {
 
 #define IS_SAMPLE(nearness) ((nearness) > 0.5f * NO_SURFACE)
 
-/* Noise a z z + b z + c at depth z; the function: as a difference of nearness near n */
+/* The noise of depths: a z z + b z + c at depth z. `noise_of_nearness`: the same as a difference in nearness, at n */
 #define NOISE_AT(of, z) (((of)[0] * (z) + (of)[1]) * (z) + (of)[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const float *of, floatl n)
 {
@@ -70,13 +70,13 @@ Vector point_of(const Layout *layout, floatl x, floatl y, floatl z)
     return p;
 }
 
-/* Offset from a sample to its drawn vertex, 0 except at the border: for column x of `count`, or row y of `count` */
+/* Offset from a sample to its drawn vertex along an axis with `count` samples, in samples; 0 except at the border */
 INLINED floatl beyond_sample(intl x, int count)
 {
     return select_lanes(x == 0, (floatl)-BORDER, select_lanes(x == count - 1, (floatl)BORDER, (floatl)0.0f));
 }
 
-/* Coordinate of the drawn vertex: the sample's plus this offset */
+/* Coordinate of the drawn vertex of sample x, with this offset */
 float place_of(int x, int count)
 {
     return x + (x == 0 ? -BORDER : x == count - 1 ? BORDER : 0.0f);
@@ -99,10 +99,11 @@ INLINED intl is_squeezed(const Layout *layout, intl x, intl y, int s)
     return (x + s >= layout->width) | (y + s >= layout->height);
 }
 
-/* Loads LANES numbers of a row from first + dx on, dx in {-1, 0, 1}; the first of a row has no left neighbour. */
+/* Loads LANES numbers of a row from first + dx on, dx in {-1, 0, 1}. Nothing is read in front of the row. */
 #define NEXT_TO(load, row, first, dx) ((dx) < 0 && !(first) ? shifted_lanes(load(row)) : load((row) + (first) + (dx)))
 
-/* Bytes of the cells at offset (dx, dy), each -1 or 0, from the vertices x of row y; 0 outside the image */
+/* Bytes of the cells that lie at the offset (dx, dy), each -1 or 0, from the vertices x of row y; 0 outside the
+ * image */
 intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int first, int y, int dx, int dy)
 {
     if (y + dy < 0 || y + dy >= layout->height - 1)
@@ -111,11 +112,12 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
     return select_lanes((x + dx >= 0) & (x + dx < layout->width - 1), byte, (intl)0);
 }
 
-/* Rounding error of depths, relative to their sum: collinear points may seem to be off their line by this much, so
- * smaller errors count as 0. */
+/* Rounding error of a sum of depths, as a fraction of it. Collinear points may seem to be off their line by this error,
+ * so smaller distances count as 0. */
 #define ROUNDING 0x1p-22f
 
-/* Marks of vertices of a triangulation. LISTED: corners of triangles; ACTIVE: corners that may have a right angle */
+/* Marks of a triangulation's vertices. LISTED: corners of triangles; ACTIVE: the same, and right angles may lie
+ * there */
 #define LISTED 2
 #define ACTIVE 3
 #define IS_ACTIVE(mark) ((mark) == ACTIVE)
