@@ -9,7 +9,7 @@
 #include "raster/nearest.h"
 
 #ifndef CLOSED
-#define CLOSED 0 /* holes: BY_RAYS: closed where no view saw the surface (closing.h). BY_SHEETS: filled by other meshes */
+#define CLOSED 0 /* BY_RAYS: surface that no view saw is drawn (closing.h). BY_SHEETS: other meshes fill holes */
 #endif
 #define BY_RAYS 1
 #define BY_SHEETS 2
@@ -58,7 +58,7 @@ typedef struct {
     size_t next;       /* elements from one mesh to the next */
 } MeshLayers;
 
-/* For each kind of mesh, the nearness of the nearest surface at a region's pixels; EMPTY for none */
+/* For each kind of mesh, the nearness of the nearest surface at a region's pixels */
 typedef struct {
     floatl views[BLOCKS];
 #if CLOSED

@@ -32,7 +32,7 @@ typedef struct {
     float sine;        /* a triangle is edge-on if the sine of its angle to the line of sight is less */
     float depth_range; /* largest range of depths in a triangle of one surface, as a fraction of z or of the extent */
     float extent;      /* extent of an orthographic view's samples, in scene units */
-    float gap;         /* largest difference in nearness on one surface, as a fraction of the nearness or of the extent */
+    float gap;         /* largest difference of neighbours' nearness on a surface, as a fraction of it or the extent */
     float noise[3];    /* a, b, c: depths of one surface may differ by a z z + b z + c at depth z */
 } Segmentation;
 

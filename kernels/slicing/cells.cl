@@ -1,8 +1,8 @@
-/* The surface of a depth image between its samples, as a map of view_volumes.h, for objects of images.
+/* Computes the surface of a depth image between its samples, as a map (records.h), for objects from images.
  *
- * An image knows its surface only at its samples. A bilinear surface between them cuts off details that protrude there,
- * and each further image cuts off more. So creases reach to where the planes of both sides meet, and at depth edges
- * a surface continues with its slope.
+ * An image knows its surface only at its samples. A bilinear surface between them would cut off details that protrude
+ * there, and each further image would cut off more. So at a crease, the surface reaches to where the planes through the
+ * samples on both sides meet, and at a depth edge it continues with its slope.
  *
  * depth: (height, width). maps: from `start` on, (2, height, width) nearness and cells, with bits. Work-item:
  * STRIP * LANES samples of a row, each the first of its cell. Cost: O(samples). Determinism: cells are independent.
@@ -12,26 +12,27 @@
 #include "slicing/records.h"
 
 /* In sample distances: */
-#define EDGE 3.0f      /* neighbours farther apart in depth belong to two surfaces */
-#define RISE_MAX 2.0f  /* most by which a surface is nearer than its samples */
-#define NOTHING (1.0f / 64) /* smaller creases are ignored */
-#define ROUND 0.375f   /* fraction of the bend beside a crease that is subtracted, as the surface is round there */
+#define EDGE 3.0f      /* neighbouring samples farther apart in depth belong to two surfaces */
+#define RISE_MAX 2.0f  /* greatest depth by which a surface may be nearer than its samples */
+#define NOTHING (1.0f / 64) /* lower creases are ignored */
+/* In other units: */
+#define ROUND 0.375f   /* times the bend beside a crease is subtracted from the crease: so much is roundness */
 #define FALL 1e30f     /* nearness by which a surface falls where it ends */
-#define LINE 6         /* samples in line with a cell's side */
-#define FIRST 2        /* index of the side's first sample in the line */
+#define LINE 6         /* number of samples in line with a cell's side that are read */
+#define FIRST 2        /* index of the side's first sample in this line */
 
 typedef struct {
     int width, height, perspective;
     float far;            /* depth from which on there is no surface */
-    int missing_is_empty; /* 0: samples without depth are unknown */
-    float empty, unknown; /* nearness of such samples */
-    float per_sample;     /* change of nearness over one sample distance in depth; perspective: at nearness 1 */
+    int missing_is_empty; /* 1: samples without depth are empty; 0: they are unknown */
+    float empty, unknown; /* nearness of empty and of unknown samples */
+    float per_sample;     /* difference in nearness over a depth of one sample distance; perspective: at nearness 1 */
 } CellImage;
 
 typedef struct {
     floatl nearness;
     intl solid, empty;
-    intl here; /* the sample lies in the image; else it repeats the border */
+    intl here; /* the sample lies in the image; else it repeats a border sample */
 } CellSample;
 
 /* Samples (low, y) to (low + LANES - 1, y) */
@@ -53,19 +54,20 @@ INLINED CellSample cell_sample(global const float *depth, CellImage image, int l
     return sample;
 }
 
-/* The change of nearness over one sample distance in depth */
+/* The difference in nearness over a depth of one sample distance */
 INLINED floatl size_of_sample(CellImage image, floatl nearness)
 {
     return image.perspective ? nearness * image.per_sample : (floatl)image.per_sample;
 }
 
-/* A cell's side. first, last: the surface's rise in nearness towards the side's two ends, from outside; crease: the
- * nearness of a crease above the side's samples, or 0; sharp: how sharply the surface bends at these samples */
+/* A cell's side. first, last: the surface's rise in nearness from the sample outside each end of the side to this end;
+ * crease: by how much nearness a crease lies above the side's middle, or 0; sharp: by how much more the surface bends
+ * at the side than beside it */
 typedef struct {
     floatl first, last, crease, sharp;
 } CellSide;
 
-/* line: the samples in line with the side; the side's own two are in the middle */
+/* line: the samples in line with the side; the two at the side's ends are in the middle */
 INLINED CellSide side_beside(CellImage image, const CellSample *line)
 {
     floatl change[LINE - 1], bend[LINE];
@@ -80,10 +82,11 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     UNROLLED
     for (int k = 1; k < LINE - 1; k++)
         bend[k] = max_lanes(change[k - 1] - change[k], (floatl)0.0f);
-    /* The planes through the samples on either side meet this far above the side. */
+    /* The lines through the two samples on either side meet this far above the side, in nearness. */
     const floatl left = bend[2], right = bend[3];
     const floatl height = left / max_lanes(left + right, (floatl)1e-30f) * right;
-    /* A round surface bends equally beside the side, and rises above its chord by an eighth of the bend, not a half. */
+    /* A round surface bends by the same beside the side. It rises above its chord by an eighth of this bend, not by
+     * half of it as a crease does. */
     const floatl around = min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
                                     select_lanes(joined[3], bend[4], (floatl)FALL));
     const intl known = joined[2] & (min_lanes(left, right) < FALL);
@@ -99,8 +102,8 @@ INLINED floatl with_bits(floatl value, intl bits, int places)
     return as_floatl((as_intl(value) & ~places) | bits);
 }
 
-/* Finds the cells whose first samples are (low, y) to (low + LANES - 1, y). Writes the samples' nearness to `to`, and
- * the cells one image further on. */
+/* Finds the cells whose first samples are (low, y) to (low + LANES - 1, y). Writes the samples' nearness from `to` on,
+ * and the cells at the same place in the second image. */
 OUTLINED void find_packet(global const float *depth, CellImage image, int low, int y, global float *to)
 {
     CellSample rows[2][LINE], columns[2][LINE];
@@ -145,7 +148,7 @@ OUTLINED void find_packet(global const float *depth, CellImage image, int low, i
             ceiling = select_lanes(of_part, max_lanes(ceiling, reach), ceiling);
             part = part | select_lanes(of_part, (intl)(1 << k), (intl)0);
         }
-        /* A diagonal crease crosses no side: it lies above the bilinear surface by a quarter of the twist. */
+        /* A crease along the diagonal crosses no side: it lies above the bilinear surface by a quarter of the twist. */
         const floatl twist = fabs(first - corners[1].nearness - corners[2].nearness + corners[3].nearness),
                      sharp = max_lanes(max_lanes(above.sharp, below.sharp), max_lanes(left.sharp, right.sharp));
         const floatl both = max_lanes(above.crease, below.crease) + max_lanes(left.crease, right.crease) +

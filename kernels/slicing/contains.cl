@@ -1,8 +1,8 @@
-/* Points in an object: the points that pass the tests of all views (slicing/view_volumes.h).
+/* Finds which points lie in an object: they pass the tests of all views (slicing/view_volumes.h).
  *
- * points: (3, count), relative to the middle of the object's box; count is a multiple of LANES. inside: (count,) 0 or
- * 1. Other arrays: object.cl. Work-item: LANES points. Cost: O(points * views tested). Determinism: points are
- * independent.
+ * points: (3, count), relative to the middle of the object's box; count is a multiple of LANES. inside: (count,) 1 for
+ * points in the object, else 0. Other arrays: object.cl. Work-item: LANES points. Cost: O(points * views tested).
+ * Determinism: points are independent.
  */
 #include "slicing/view_volumes.h"
 

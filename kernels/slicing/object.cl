@@ -4,21 +4,22 @@
  * A pixel's ray is clipped to the object's box, and walks the slices there from front to back. It stops at the first
  * point that passes the test of every view: the point lies behind the surface of the view's depth image
  * (SILHOUETTES 0), or inside the view's silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with
- * creases between samples. It ends half-way to background samples, like the outline of a mask, and farther out with
- * more views. Samples of unknown depth are as near as the box reaches.
+ * creases between samples. Where a background sample follows, the surface ends half-way to it, like the outline of a
+ * mask, or farther out if there are more views (`outline`). Samples of unknown depth are as near as the box reaches.
  *
- * Deviations from the paper: the slices are met per pixel instead of drawn as polygons, so the stencil passes become
- * one loop. `halvings` bisections bring a hit closer to the surface than its slice. `visible` colours by the views that
- * see the point (view_colors.h).
+ * Deviations from the paper: each pixel's ray is intersected with the slices, which are not drawn as polygons, so the
+ * stencil passes become one loop. `halvings` bisections move a hit from its slice closer to the surface. With
+ * `visible`, only views that see a point give its colour (view_colors.h).
  *
- * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in maps
- * and colors. maps: (views, 2, height, width) view_volumes.h, or masks of 0 and 1. reaches: (views,) greatest
- * difference in nearness between a view's surface and its samples. colors: RGBA bytes, A = 255 where the view has a
- * sample. order: (views,) views in the order of testing. closeness: (views,) of each view's direction to the target's,
- * > 0. The origin of world coordinates is the box's middle. counters: (height, width) view tests, with COUNTERS. With
- * RIBBONS, firsts: the index of each sample's first ribbon, for all views, and finally the count of all ribbons;
- * ribbons: (N, RIBBON_FLOATS), lib/ribbons.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane; with
- * LANES 1 a pixel. Cost: O(pixels * slices * views tested). Determinism: fixed order.
+ * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in colors;
+ * in maps, the start is twice as large, except for masks. maps: (views, 2, height, width) records.h, or (views, height,
+ * width) masks of 0 and 1. reaches: (views,) greatest difference in nearness between a view's surface and its samples.
+ * colors: RGBA bytes, A = 255 where the view has a sample. order: (views,) views in the order of testing. closeness:
+ * (views,) cosine of the angle between the view's direction and the target's, > 0. The origin of world coordinates is
+ * the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts: index of each sample's
+ * first ribbon, for all views, then the count of all ribbons; ribbons: (N, RIBBON_FLOATS), records.h. Work-item: with
+ * LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices * views tested).
+ * Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "raster/region.h"
@@ -27,13 +28,13 @@
 kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
             global const float *maps, global const float *reaches, global const uint *colors, global const int *order,
             global const float *closeness,
-            int view_count, Box box, int slices_axis, int halvings /* in the interval before the first hit */,
+            int view_count, Box box, int slices_axis, int halvings /* bisections from a hit towards the slice in front */,
             int finds_thin /* 1: also searches for parts thinner than the slice spacing */,
             int visible /* 1: colours come from views that see the points, if there are any */,
-            int unknown /* 1: points outside an image pass its test */,
+            int unknown /* 1: a point that projects outside a view's image passes its test */,
             float outline /* where views' surfaces end: surface_at() */,
             float sample /* scene units between the coarsest view's samples in the middle of the box */,
-            float stride /* shortest step from the object's surface back to a view's own, in scene units of the ray */,
+            float stride /* depth of the first step from a hit forward to a view's surface (view_colors.h) */,
             int low_x, int low_y COUNTERS_PARAMETER(int)
 #if RIBBONS
                            ,
@@ -64,7 +65,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     floatl hit = 0.0f;
     intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
-    found = found & (nearness > so_far); /* among equally near objects, the first stays */
+    found = found & (nearness > so_far); /* of equally near objects, the first stays visible */
     region.nearness[0] = select_lanes(found, nearness, so_far);
     region.owner[0] = select_lanes(found, (intl)0, (intl)-1);
     Color shade = {0.0f, 0.0f, 0.0f}, normal = shade;

@@ -2,23 +2,23 @@
 #define SLICING_PRISM_RAYS_H
 /* Rays in a prism: the heights of their points, and the weights of the prism's corners there.
  *
- * The slice at height h is the base triangle with each corner moved by h times its own vector to the top. A point is
- * a weighted mean of the moved corners. In the prism's frame, (a, b, c) is the first corner's vector to the top, and
- * a1, a2 ... are the differences of the second and third corner's vectors from it. The second and third corner's
- * weights `second` and `third` obey
+ * Each corner of the base has a vector to the corner above it. The slice at height h is the base triangle with each
+ * corner moved by h times its vector. A point of the slice is a weighted mean of the moved corners. In the prism's
+ * frame, (a, b, c) is the first corner's vector; (a1, b1, c1) and (a2, b2, c2) are the second and third corner's vector
+ * minus the first's. The weights `second` and `third` of the second and third corner obey
  *
  *   second (1 + h a1) + third h a2 = x - h a       x, y, z: the point in the frame
  *   second h b1 + third (1 + h b2) = y - h b
  *   h (c + second c1 + third c2) = z
  *
- * The first two equations give the weights for a height. Put into the third, the weights leave a cubic in h, whose
- * coefficients are linear in x, y and z, hence along a ray. So the depth at which a ray meets a height is explicit.
- * The height at a depth is found by Newton steps from h = z / (c + x c1 + y c2), which is exact if the corners'
- * vectors are parallel.
+ * The first two equations give the weights for a height h. Put into the third equation, the weights leave a cubic in h,
+ * whose coefficients are linear in x, y and z, and so linear in depth along a ray. So the depth at which a ray reaches
+ * a height has a closed form. The height at a depth is found by Newton steps from h = z / (c + x c1 + y c2), which is
+ * exact if the corners' vectors are parallel.
  */
 #include "slicing/prisms.h"
 
-#define NEWTON_STEPS 2 /* from a guess that is off by a few hundredths down to rounding */
+#define NEWTON_STEPS 2 /* reduce an error of a few hundredths to the rounding error */
 
 typedef struct {
     Linear second, third, rise;

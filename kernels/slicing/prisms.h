@@ -2,22 +2,23 @@
 #define SLICING_PRISMS_H
 /* Prisms of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
- * A prism's frame is affine: its axes are the second and third side of its base triangle, and the triangle's normal, as
- * long as the displacement. Coordinates in the frame are affine over the picture, and so are the prism's bounding
- * planes and the numbers of planar slices. prism_rays.h turns coordinates in the frame into a height and weights of
- * the corners. For each triangle one of the slicing directions is chosen here (section 3.2). Arrays: surface.cl.
+ * A prism's frame has its origin at the first corner of the base triangle. Its axes lead to the second corner, to the
+ * third corner, and along the triangle's normal, as far as the displacement. Coordinates in the frame, the prism's
+ * bounding planes and the numbers of planar slices are each a `Quantity`. prism_rays.h turns coordinates in the frame
+ * into a height and weights of the corners. For each prism, this file chooses one of the triangle's slicing directions
+ * (section 3.2). Arrays: surface.cl.
  */
 #include "lib/heights.h"
 #include "lib/taps.h"
 #include "raster/fragment.h"
 #include "slicing/rays.h"
 
-/* The alpha test (sections 3.1 and 3.2) */
+/* The alpha test (sections 3.1 and 3.2): alpha is the map's value, h the height of the tested point, both 0 to 1 */
 #define AT_LEAST 0 /* alpha >= h: the inside is filled, the base drawn (Dietrich) */
-#define BAND 1     /* alpha within a band above h: gaps open between samples that differ by more (Schaufler) */
+#define BAND 1     /* h <= alpha < h + band: gaps open between samples that differ by more (Schaufler) */
 #define INSIDE 2   /* alpha > h: where alpha is 0 there is nothing (Kautz & Seidel) */
 
-#define STEADY_PARTS 12.0f /* most slices per pixel along a ray: more than one, so that thin parts flicker less */
+#define STEADY_PARTS 12.0f /* most slices per pixel width along a ray, where few slices would miss thin parts */
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2
@@ -25,10 +26,10 @@
 #define PRISM_PLANES 5  /* bounding planes: below, above, and one along each side of the triangle */
 #define OUTLINES_MAX 6
 #define TILT_FLOATS 9     /* floats per triangle in `tilts` */
-#define SIDE_MARGIN 1e-5f /* fraction of a prism's size by which its sides move outwards */
+#define SIDE_MARGIN 1e-5f /* fraction of a prism's size by which its bounding planes are moved outwards */
 #define HEIGHT_ROUNDING 1e-5f /* fraction of the displacement: lower heights count as the base */
 #define ROUNDING_ULPS 8.0f /* rounding error of coordinates, in units of the last place */
-#define SLICE_ROUNDING 1e-4f /* slices: rounding error where a ray enters and leaves a prism */
+#define SLICE_ROUNDING 1e-4f /* rounding error of a slice number where a ray enters or leaves a prism */
 
 typedef struct {
     global const int *corners;
@@ -38,15 +39,15 @@ typedef struct {
     global const float *gradients;
     Screen screen;
     float nearest_w, spacing;
-    float pixel; /* scene units of a pixel at depth 1; 0: the number of slices is fixed */
-    float band;  /* range of heights that BAND accepts; 0: one slice spacing */
+    float pixel; /* width of a pixel at depth 1, in scene units; 0: the number of slices is fixed */
+    float band;  /* of BAND, as a fraction of the displacement; 0: one slice spacing */
     int slices, slicing, test, halvings, map_width, map_height;
     global int *counters;
 } Context;
 
-/* A quantity that is affine in the picture's pixel space: x px + y py + one + n times the nearness. Along a ray it is
- * linear in depth (`Linear`). `fixed` is the same for all pixels of a perspective picture, `sloped` for
- * all pixels of an orthographic picture. */
+/* A number that depends on a point's pixel (px, py) and nearness: x px + y py + one + n * nearness, in a perspective
+ * picture times the depth. Along a ray it is linear in depth (`Linear`). In a perspective picture, `fixed` is the same
+ * for all pixels; in an orthographic picture, `sloped` is. */
 typedef struct {
     float x, y, one, n;
 } Quantity;
@@ -56,38 +57,38 @@ typedef struct {
     float second, third, rise;
 } Tilt;
 
-/* Coefficients for the heights of points (prism_rays.h): the tilt of the first corner, and the differences of the
- * second and third corner's tilts from it */
+/* Coefficients from which prism_rays.h computes heights. first: the first corner's tilt; to_second, to_third: the
+ * second and third corner's tilt minus the first's */
 typedef struct {
     Tilt first, to_second, to_third;
-    float area_1, area_2;     /* a slice's area over the base's is 1 + h area_1 + h^2 area_2 */
+    float area_1, area_2;     /* a slice's area, divided by the base's, is 1 + h area_1 + h^2 area_2 */
     float second_2, third_2;  /* coefficients of h^2 in the numerators of the corners' weights */
-    float by_second, by_third; /* coefficients of h^2 in the cubic, times the frame's coordinates */
-    float square, cube;       /* constant coefficients of h^2 and h^3 */
+    float by_second, by_third; /* coefficients of h^2 times the point's first and second coordinate in the cubic */
+    float square, cube;       /* coefficients of h^2 alone and h^3 alone in the cubic */
 } Bend;
 
 typedef struct {
     Quantity second, third, rise; /* coordinates in the frame */
-    Quantity slice;               /* number of the slice, if slices are planes */
+    Quantity slice;               /* slice number, if slices are planes */
     Bend bend;
-    float u, v, u_second, v_second, u_third, v_third; /* at the first corner; the others' differences from it */
+    float u, v, u_second, v_second, u_third, v_third; /* u, v at the first corner; differences at the other corners */
     Quantity sides[PRISM_PLANES]; /* nearness at which a pixel's ray crosses each plane */
     int leaves[PRISM_PLANES];     /* whether the ray leaves the prism there, on its way to the camera */
 #if BLOCK > 1
     Quantity outline[OUTLINES_MAX]; /* positive at the first pixel of a block that may show the prism */
     int outlines;
 #endif
-    float nearest, front, rear; /* nearness of the near plane, the nearest corner and the farthest corner */
-    float first, last;          /* nearness a little beyond the farthest and the nearest corner */
+    float nearest, front, rear; /* nearness of the near plane, of the nearest corner and of the farthest corner */
+    float first, last;          /* nearness a little behind the farthest corner, and in front of the nearest corner */
     int index, perspective, crosses; /* crosses: the near plane cuts the prism */
     int by_height;         /* 1: a slice has the same height everywhere; 0: slices are planes */
     float count;           /* number of slices over the displacement, with by_height */
-    float spacing, band;   /* spacing of its slices; range of heights that BAND accepts */
-    float height_rounding; /* HEIGHT_ROUNDING, or more where the displacement is shallow */
+    float spacing, band;   /* distance between its slices, scene units; `band` of the test BAND, > 0 */
+    float height_rounding; /* rounding error of heights, as a fraction of the displacement */
     float share_rounding;  /* rounding error of barycentric weights; at least height_rounding */
-    float slice_rounding;  /* at least SLICE_ROUNDING */
-    int halvings; /* halvings of the interval between two slices */
-    int ends;     /* 1: rays that leave it may leave the surface */
+    float slice_rounding;  /* rounding error of slice numbers; at least SLICE_ROUNDING */
+    int halvings; /* bisections of the interval between two slices */
+    int ends;     /* 1: a ray that leaves the prism may leave the surface */
 } Prism;
 
 typedef struct {
@@ -95,8 +96,8 @@ typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Primitives;
 
-/* Bilinear height at (u, v), 0 to 1, tiled or clamped; heights: lib/heights.h. u and v are wrapped before they are
- * scaled, which is exact for any number of tiles. */
+/* Bilinear height at (u, v), 0 to 1, from a tiled or clamped map; heights: lib/heights.h. u and v are wrapped before
+ * they are scaled, which is exact for any number of tiles. */
 floatl height_at(global const uint *heights, int width, int height, floatl u, floatl v)
 {
     const HeightMap map = {width, height, 0};
@@ -104,7 +105,7 @@ floatl height_at(global const uint *heights, int width, int height, floatl u, fl
     return height_of(read_patch(heights, map, taps.column, taps.row), taps.fx, taps.fy) * HEIGHT_UNIT;
 }
 
-/* Tells whether a point of height h passes where the map's value is alpha. */
+/* Returns whether a point of height h passes the alpha test where the map's value is alpha. */
 intl passes(int test, floatl alpha, floatl h, float band)
 {
     if (test == AT_LEAST)
@@ -114,8 +115,8 @@ intl passes(int test, floatl alpha, floatl h, float band)
     return (alpha >= h) & (alpha < h + band);
 }
 
-/* Sets the barycentric coordinates: rows of the inverse of the matrix of corners. Returns 0 if the corners are
- * coplanar. */
+/* Sets the barycentric coordinates of a tetrahedron with the corners p: rows of the inverse of the matrix of corners.
+ * Returns 0 if the corners are coplanar. */
 int barycentric_rows(const float4 *p, Quantity *rows)
 {
     float determinant = 0.0f;
@@ -153,10 +154,11 @@ Quantity from_corners(const Quantity *rows, float4 values)
     return made;
 }
 
-/* Spaces the slices one pixel apart along the ray, where the prism is nearest; facing: the cosine between the ray
- * and the slices' normal there. If fewer than SLICES_STEADY slices would fit, slices lie closer, so that thin parts do
- * not flicker: up to STEADY_PARTS a pixel. They are never closer than half a texel, below which heights have no detail.
- * A wider spacing needs more halvings, so that hits stay within 1 / PIXEL_PARTS of a pixel. */
+/* Sets the spacing of a prism's slices. Along a ray, slices are one pixel width apart, measured at the prism's nearest
+ * corner; facing: the cosine of the angle between ray and slices' normal. If fewer than SLICES_STEADY slices fit into
+ * the displacement, slices are closer, so that thin parts do not flicker: at most STEADY_PARTS per pixel width. Slices
+ * are never closer than half a texel, as heights have no finer detail. Wider spacings get more bisections, so that hits
+ * stay within 1 / PIXEL_PARTS of a pixel of the surface. */
 void space_slices(const Context *context, Prism *t, float facing)
 {
     t->spacing = context->spacing;
@@ -178,8 +180,9 @@ void space_slices(const Context *context, Prism *t, float facing)
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
 }
 
-/* The rounding error of a coordinate in the frame. Along a ray, the coordinate is a difference of two numbers as large
- * as the ray's length in the frame, and the pixel's coordinates are rounded, too. x, y: the region's first pixel */
+/* The rounding error of a coordinate in the prism's frame. The coordinate of a ray's point is a difference of two
+ * numbers as large as the ray's length in the frame; the pixel's coordinates are rounded, too. x, y: the region's first
+ * pixel */
 float rounding_of(const Prism *t, const Quantity *q, int x, int y)
 {
     const float by_x = fabs(q->x) * (x + REGION), by_y = fabs(q->y) * (y + REGION);
@@ -188,7 +191,7 @@ float rounding_of(const Prism *t, const Quantity *q, int x, int y)
     return fmin(fmax(ROUNDING_ULPS * FLT_EPSILON * (along + across), HEIGHT_ROUNDING), 1.0f);
 }
 
-/* Sets the coefficients for heights: the determinant and cofactors of the weights' linear system (prism_rays.h). */
+/* Sets the coefficients for heights, from the determinant and cofactors of the linear system in prism_rays.h. */
 INLINED void set_bend(Bend *bend, global const float *tilts)
 {
     const float3 one = vload3(0, tilts), two = vload3(1, tilts) - one, three = vload3(2, tilts) - one;
@@ -205,9 +208,9 @@ INLINED void set_bend(Bend *bend, global const float *tilts)
     bend->cube = one.z * bend->area_2 + two.z * bend->second_2 + three.z * bend->third_2;
 }
 
-/* Sets the planes that bound a prism: two parallel to its base, and one through each side of its triangle. A side's
- * plane leans so that the corners above the side lie within, and moves outwards if another corner lies outside. rows:
- * barycentric coordinates in the frame */
+/* Sets the planes that bound a prism: two parallel to its base, and one through each side of its base triangle. A
+ * side's plane leans outwards until the two corners above the side lie within, and is moved outwards if any other
+ * corner lies outside. rows: barycentric coordinates in the frame */
 void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
 {
     float3 tilt[3];
@@ -217,8 +220,8 @@ void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
     const float high = fmax(fmax(0.0f, tilt[0].z), fmax(tilt[1].z, tilt[2].z));
     t->sides[0] = from_corners(rows, (float4)(-low, -low, -low, 1.0f - low));
     t->sides[1] = from_corners(rows, (float4)(high, high, high, high - 1.0f));
-    for (int side = 0; side < 3; side++) { /* side k is opposite corner k */
-        float moved[3]; /* for each corner, how much the opposite corner's weight grows from the base to the top */
+    for (int side = 0; side < 3; side++) { /* a side has the number of the corner opposite to it */
+        float moved[3]; /* by how much the weight of corner `side` grows from each corner to the corner above it */
         for (int k = 0; k < 3; k++)
             moved[k] = side == 0 ? -tilt[k].x - tilt[k].y : (side == 1 ? tilt[k].x : tilt[k].y);
         const int l = side == 0 ? 1 : 0, m = side == 2 ? 1 : 2;
@@ -232,8 +235,8 @@ void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
     }
 }
 
-/* Sets where rays cross each plane, moved outwards by `grown`, and the prism's outline in the picture: the lines where
- * a plane by which rays enter meets a plane by which they leave. */
+/* Sets where rays cross each bounding plane, moved outwards by `grown`. Sets the prism's outline in the picture: lines
+ * where a plane through which rays enter meets a plane through which they leave. */
 void bound_sides(Prism *t, float grown)
 {
     for (int k = 0; k < PRISM_PLANES; k++) {
@@ -264,14 +267,14 @@ float3 direction_at(Screen screen, float x, float y)
     return (float3)(PIXEL_ROW(m, 0, x, y), PIXEL_ROW(m, 1, x, y), PIXEL_ROW(m, 2, x, y));
 }
 
-/* Chooses the direction, spacing and numbers of the slices. view: the ray through the middle of the prism's visible
- * part in a bin; base: the corners of its triangle; across: the frame's normal */
+/* Chooses the direction, spacing and numbers of a prism's slices. view: direction of the ray through the middle of the
+ * part of the prism in the bin; base: corners of its triangle; across: the frame's third axis */
 void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 view, const float3 *base, float3 across,
                 float first_depth)
 {
     int direction = 0; /* a */
     float3 d = vload3(t->index * 3, context->frames);
-    float facing = fabs(dot(d, view)); /* times the view's length */
+    float facing = fabs(dot(d, view)); /* cosine times the length of `view` */
     if (context->slicing == ORTHOGONAL) /* the direction that faces the viewer most */
         for (int k = 1; k < 3; k++) {
             const float3 other = vload3(t->index * 3 + k, context->frames);
@@ -285,7 +288,7 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
     t->by_height = context->slicing != SCREEN && direction == 0;
     t->count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
     t->slice_rounding = SLICE_ROUNDING;
-    /* A whole number close to the first corner's slice number is subtracted, so that small numbers remain exact. */
+    /* Slice numbers are relative to the whole number closest to the first corner's, because small numbers are exact. */
     const float along = 1.0f / t->spacing;
     if (context->slicing == SCREEN) {
         const float off = rint(first_depth * along);
@@ -299,16 +302,16 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
     }
 }
 
-/* The middle of a prism's visible part in a bin; low, high: the prism's box. Coordinates are relative to the region at
- * (x, y), which is the bin or one of its pixels */
+/* The middle of the part of a prism in a bin. low, high: the prism's box in the picture. Coordinates are relative to
+ * the region at (x, y), which is the bin or a pixel of it */
 INLINED float2 middle_in_bin(float2 low, float2 high, int x, int y)
 {
     const float2 bin = (float2)(-(x % BIN), -(y % BIN));
     return 0.5f * (clamp(low, bin, bin + (BIN - 1.0f)) + clamp(high, bin, bin + (BIN - 1.0f)));
 }
 
-/* Sets up a prism. Returns its box in the region at (x, y): (low_x, high_x, low_y, high_y); empty if the prism is not
- * visible */
+/* Sets up a prism. Returns its box of pixels in the region at (x, y): (low_x, high_x, low_y, high_y); low > high if the
+ * prism is not visible */
 static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t)
 {
     const int4 empty = (int4)(1, 0, 1, 0);
@@ -336,7 +339,7 @@ static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t
     /* The frame's corners in the picture: the triangle's, and one above the first. */
     const float3 across = vload3(index * 3, context->frames) * (context->spacing * context->slices);
     const float *m = context->screen.from_world;
-    float up_row[4]; /* in pixel space */
+    float up_row[4]; /* `across` in pixel space */
     for (int row = 0; row < 4; row++)
         up_row[row] = m[4 * row] * across.x + m[4 * row + 1] * across.y + m[4 * row + 2] * across.z;
     float4 up = (float4)(up_row[0], up_row[1], up_row[2], up_row[3]);

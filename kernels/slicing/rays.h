@@ -8,11 +8,12 @@ typedef struct {
     floatl fixed, sloped;
 } Linear;
 
-#define SLICES_MAX 4096     /* most slices that a picture chooses over an object */
-#define SLICES_STEADY 256   /* this many slices over a displacement miss few thin parts, even if pixels are wide */
-#define HALVINGS_MAX 24     /* halvings of the interval between two slices: float32 resolves no more */
-#define PIXEL_PARTS 8       /* with slices by view, points are within 1/8 of a pixel of the surface */
-#define TEXTURE_PARTS 512   /* and within 1/512 of the displacement, so that textures do not flicker */
+/* If the picture chooses the number of slices: */
+#define SLICES_MAX 4096     /* most slices through an object or a displacement */
+#define SLICES_STEADY 256   /* this many slices through a displacement miss few thin parts, even if pixels are wide */
+#define HALVINGS_MAX 24     /* most bisections of the interval between two slices: float32 resolves no more */
+#define PIXEL_PARTS 8       /* hits are at most 1/8 of a pixel from the surface */
+#define TEXTURE_PARTS 512   /* and at most 1/512 of the displacement, so that textures do not flicker */
 
 #define AT(linear, z) ((linear).fixed + (linear).sloped * (z))
 #endif

@@ -3,15 +3,16 @@
 /* Ribbons (lib/ribbons.h) in memory, from ribbons.cl to object.cl: x, y, dx, dy, n, gu, gv, ends */
 #define RIBBON_FLOATS 8
 
-/* A view's map is two images (slicing/cells.cl). The first holds the nearness of the samples. Its last bits give the
- * kind of the cell between a sample and its three neighbours to the right and below; 0 is a bilinear surface. */
+/* A view's map is two images (slicing/cells.cl). The first holds the nearness of the samples. The last two bits of a
+ * sample's float are the kind of the cell between the sample and its neighbours to the right, below and to the lower
+ * right; kind 0 is a bilinear surface. */
 #define EMPTY_CELL 1   /* no surface */
-#define OTHER_CELL 2   /* a surface nearer than the bilinear one */
+#define OTHER_CELL 2   /* a surface that is nearer than the bilinear surface */
 #define OUTLINE_CELL 3 /* a surface that ends at the background */
-/* The second image holds a float for each cell of another kind. The float's last bits mark the samples of the cell's
- * nearest part, row by row, and background. The float is the nearness of this part minus that of the first sample; if
- * the part has all four samples, minus that of the bilinear surface. */
-#define CELL_WHOLE 15      /* all four samples */
-#define CELL_BACKGROUND 16 /* at least one sample is background: samples outside the part are empty */
+/* The second image holds a float for each cell whose kind is not 0. The float's last bits mark which samples belong to
+ * the cell's nearest part, row by row, and whether there is background. If all four samples belong to it, the float is
+ * the part's nearness minus the bilinear surface's, else minus the first sample's. */
+#define CELL_WHOLE 15      /* all four samples belong to the nearest part */
+#define CELL_BACKGROUND 16 /* at least one sample is background: beyond the nearest part, the cell is empty */
 #define CELL_BITS 31
 #endif

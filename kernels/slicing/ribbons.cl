@@ -1,4 +1,4 @@
-/* The ribbons of a depth image (lib/ribbons.h), as depth objects read them (slicing/object.cl).
+/* Writes the ribbons of a depth image (lib/ribbons.h) as records, which slicing/object.cl reads.
  *
  * surface: (height + 2, pitch), picture/edges.cl. numbers: (count,), picture/ribbons.cl. records: (count,
  * RIBBON_FLOATS). Work-item: a ribbon. Cost: O(RUN_MAX). Determinism: ribbons are independent.

@@ -2,15 +2,16 @@
 #define SLICING_SLICE_NORMALS_H
 /* Normals of surfaces drawn by slices, and the footprint of a pixel on them.
  *
- * Lengths are measured on the slice through the point, a triangle with all corners at the point's height above the
- * base. Where the base has curvature k, a slice at distance d above it is longer by the factor 1 + k d, so heights are
- * flatter there.
+ * Slopes of heights are measured on the slice through the point, a triangle with all corners at the point's height
+ * above the base. Where the base has curvature k, the slice at distance d above the base is longer by the factor 1 + k
+ * d, so the same heights are less steep there.
  */
 #include "lib/footprint.h"
 #include "lib/light.h"
 #include "slicing/prisms.h"
 
-/* A pixel's centre on each lane's triangle: u and v there, and the other corners' differences from the first corner */
+/* The point of each lane's triangle at a pixel's centre: weights of the second and third corner, u and v, and the
+ * differences of u and v from the first corner to the second and third */
 typedef struct {
     intl corner[3]; /* of the base */
     floatl second, third;
@@ -43,14 +44,14 @@ typedef struct {
     floatl h;
 } SliceSides;
 
-/* The mean of the corners' vectors with a point's weights */
+/* The weighted mean of the corners' vectors at a point */
 INLINED Vector mean_by_shares(const SlicePoint *p, const Vector *of_corner)
 {
     const Vector a = minus(of_corner[1], of_corner[0]), b = minus(of_corner[2], of_corner[0]);
     return plus_scaled(plus_scaled(of_corner[0], p->second, a), p->third, b);
 }
 
-/* The sides of the slice through the point at `seen` in the world */
+/* The slice through the point `seen` (world): its sides from the first corner, and its height h, 0 to 1 */
 INLINED SliceSides sides_of_slice(const Context *context, const SlicePoint *p, intl triangle, Vector seen)
 {
     Vector base[3], up[3];
@@ -66,7 +67,7 @@ INLINED SliceSides sides_of_slice(const Context *context, const SlicePoint *p, i
     return sides;
 }
 
-/* Gradients of u and v on a slice: at right angles to `normal`, and exact along both sides */
+/* Gradients of u and v on a slice: at right angles to `normal`, with the exact changes of u and v along both sides */
 INLINED void gradients_on_slice(const SlicePoint *p, const SliceSides *sides, Vector normal, Vector *along_u,
                                 Vector *along_v)
 {
@@ -77,7 +78,7 @@ INLINED void gradients_on_slice(const SlicePoint *p, const SliceSides *sides, Ve
     *along_v = combined(p->v_second * inverse, across, p->v_third * inverse, down);
 }
 
-/* A normal, tilted by the rise of heights (0 to 1) over a unit of u and of v on the slice */
+/* A normal, tilted by the slopes of the heights (0 to 1) per unit of u and of v on the slice */
 INLINED Vector slice_normal_by_rises(const Context *context, const SlicePoint *p, const SliceSides *sides,
                                      Vector normal, floatl over_u, floatl over_v)
 {
@@ -89,14 +90,14 @@ INLINED Vector slice_normal_by_rises(const Context *context, const SlicePoint *p
 #endif
 
 #if ANISOTROPIC
-/* The change of u and v over a pixel, on the tangent plane of the heights that it sees above the triangle */
+/* The change of u and v from a pixel to the next, on the tangent plane of the surface that the pixel shows */
 INLINED UvSteps slice_uv_steps(const Context *context, Vector ahead, floatl n, const SlicePoint *p,
                                const SliceSides *sides, int anisotropy)
 {
     const Vector across = normalized(cross_product(sides->second, sides->third));
     const Vector base = scaled(across, select_lanes(DOT(across, ahead) > 0.0f, (floatl)-1.0f, (floatl)1.0f));
-    /* Heights are linear along u and along v between texel centres. The footprint needs these slopes; the slopes for
-     * light are means of two. */
+    /* Between texel centres, heights are linear along u and along v. The footprint needs these slopes; light uses means
+     * of two neighbouring slopes. */
     const float width = context->map_width, height = context->map_height;
     const floatl left = (floor_lanes(p->u * width - 0.5f) + 0.5f) / width,
                  upper = (floor_lanes(p->v * height - 0.5f) + 0.5f) / height;
@@ -129,7 +130,7 @@ INLINED Vector slice_normal_by_heights(const Context *context, const SlicePoint 
     return slice_normal_by_rises(context, p, sides, base, by_u, by_v);
 }
 
-/* The base's normal, tilted by a map of tangent-space normals, whose slopes are per length of the surface */
+/* The base's normal, tilted by a normal `own` from a map in tangent space, whose slopes are per scene unit */
 INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl triangle, Vector own)
 {
     const Vector across = vector_at(context->frames, 3 * triangle + 1),
@@ -139,13 +140,14 @@ INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl tri
 }
 
 #if SHADOWED
-/* Tells whether a point lies more than a slice below the heights, so that it may lie on a side of the volume. */
+/* Returns whether a point lies more than a slice spacing below the map's height, and so may be on a side of the
+ * volume. */
 INLINED intl is_on_side(const Context *context, const SlicePoint *p, floatl h)
 {
     return (HEIGHT(p->u, p->v) - h) * context->slices > 1.0f;
 }
 
-/* The normal of such a side: at right angles to the base's normal, towards the viewer */
+/* The normal of a side of the volume: at right angles to the base's normal, towards the viewer */
 INLINED Vector side_normal(Vector base, Vector ahead)
 {
     const floatl up = DOT(base, ahead);

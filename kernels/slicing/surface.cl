@@ -1,29 +1,30 @@
 /* Displacement mapping by slices (Kautz & Seidel 2001, section 3).
  *
- * Each triangle of the base, extruded along its corners' normals, is a prism. A prism's slice at a height is a triangle
- * with the base's uv. Along a ray, the points' heights and weights follow from a cubic (prism_rays.h). Slices either
- * have constant, evenly spaced heights (direction a), with an explicit depth on each ray, or are planes evenly spaced
- * along rays. A pixel walks the slices that its ray meets from front to back, and stops where the alpha test passes.
+ * Each triangle of the base mesh, extruded along its corners' normals, is a prism. A prism's slice at a height is a
+ * triangle with the base triangle's u and v. The height of a ray's point, and its corners' weights, follow from a cubic
+ * (prism_rays.h). Either each slice has one height, and heights are evenly spaced (direction a), or slices are planes
+ * at equal distances. A pixel's ray walks the slices that it meets from front to back, and stops where the alpha test
+ * passes.
  *
- * UNCLIPPED: slices parallel to the screen are tested all over the box of each prism, not only inside.
+ * UNCLIPPED: slices parallel to the screen are tested in the whole box of each prism, not only inside the prism.
  *
- * Deviations from the paper: slices are met per pixel instead of drawn as polygons. Where a ray enters or leaves
- * through the base, the base is tested like a slice, so that flat parts between two slices have no gaps. Rays are also
- * tested where they leave at a border of the surface. `halvings` bisections bring a hit closer to the surface than its
- * slice.
+ * Deviations from the paper: each pixel's ray is intersected with the slices, which are not drawn as polygons. Where a
+ * ray enters or leaves through the base, the base is tested like a slice, so that flat parts between two slices have no
+ * gaps. Rays are also tested where they leave a prism at a border of the surface. `halvings` bisections move a hit from
+ * its slice closer to the surface.
  *
- * corners: (triangles, 6) indices of `projected`: three corners of the base, then the three above them. points: (2
- * vertices, 3) world, of the base, then above it. uv: (vertices, 2) u, v (times tiles). frames: (triangles, 3, 3) the
- * slicing directions a (normal), b, c: unit length. tilts: (triangles, 3, 3) each corner's vector to the corner above
- * it, in units of the triangle's sides and of a times the displacement. ends: (triangles,) 1 at a border of the
- * surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h, read by lib/footprint.h, as
- * normal_map. gradients: (triangles, 2, 3) of u and v on the base, in the world, times tiles. normals: (vertices of the
- * base, 3). spacing: slice spacing in the world. slices: their number along direction a over the displacement; with
- * by_view, in the middle of the volume. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are
- * the weights of a triangle's second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a
- * bin, drawn in blocks of 4 x 4 pixels, one pixel to a lane; with LANES 1 it is a pixel, which sets up all prisms in
- * its bin's list and walks the slices of the prisms that its ray meets. Cost: O(list + pixels * slices met), with
- * LANES 1 O(pixels * list + ...). Determinism: list order.
+ * corners: (triangles, 6) indices in `projected`: three corners of the base, then the three above them. points: (2
+ * vertices, 3) world: vertices of the base, then the points above them. uv: (vertices, 2) u and v, times the number of
+ * tiles. frames: (triangles, 3, 3) the slicing directions a (the normal), b, c: unit vectors. tilts: (triangles, 3, 3)
+ * each corner's vector to the corner above it, in the prism's frame (prisms.h). ends: (triangles,) 1 at a border of the
+ * surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h. normal_map: (normal_height,
+ * normal_width, 3) with its mipmaps, if normal_width > 0. Both maps are read by lib/footprint.h. gradients: (triangles,
+ * 2, 3) of u and v on the base, per scene unit. normals: (vertices of the base, 3). spacing: distance between slices,
+ * scene units. slices: their number through the displacement, along direction a; with by_view, in the middle of the
+ * volume. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are the weights of a triangle's
+ * second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a bin, drawn in blocks of 4 x 4
+ * pixels, one pixel to a lane. With LANES 1 it is a pixel, which sets up all prisms in its bin's list. Cost: O(list +
+ * pixels * slices met); with LANES 1, O(pixels * (list + slices met)). Determinism: list order.
  */
 #define KEEPS_UV 1
 #include "lib/footprint.h"
@@ -33,10 +34,10 @@
 #include "slicing/slice_normals.h"
 
 #ifndef UNCLIPPED
-#define UNCLIPPED 0 /* 1: slices are tested outside the prisms, too, as described at the top */
+#define UNCLIPPED 0 /* 1: slices are tested outside the prisms, too (see the top of this file) */
 #endif
 
-#define END_HALVINGS 4   /* halvings of the interval from the last slice to the end of the surface */
+#define END_HALVINGS 4   /* bisections of the interval from the last slice to the end of the surface */
 #define Z_ROUNDING 4e-6f /* relative rounding error of depths at slices and where a ray enters or leaves */
 #define SLICE_NUMBER_MAX 8388608.0f /* beyond it, adjacent slice numbers would round to one float */
 
@@ -46,7 +47,7 @@ INLINED intl is_in_prism(const Prism *t, Place place)
     return min_lanes(shares, place.h) >= -t->share_rounding;
 }
 
-#define RUN (UNCLIPPED ? 2 : 16) /* slices in a run; in runs of two, each slice is exact, even outside the prism */
+#define RUN (UNCLIPPED ? 2 : 16) /* slices in a run (walk_slices); in runs of two, no slice is interpolated */
 
 typedef struct {
     intl found;
@@ -54,8 +55,8 @@ typedef struct {
     Place place;
 } SliceHit;
 
-/* Makes the alpha test at depth z on the rays that are `tested`. Only points in the prism can pass; where `extended`,
- * all points can. Returns which points can pass. */
+/* Makes the alpha test at depth z on the `tested` rays, and keeps hits. Only points in the prism can pass; on
+ * `extended` rays, all points can. Returns which points can pass. */
 INLINED intl test_at(const Context *context, const Prism *t, const Region *region, int block, SliceHit *hit, floatl z,
              Place place, intl tested, intl extended)
 {
@@ -77,8 +78,8 @@ INLINED intl test_at(const Context *context, const Prism *t, const Region *regio
     return possible;
 }
 
-/* Bisects the interval from the depth `before`, whose points do not pass, to the hits that have `passed`. extended:
- * depths from which on points may also lie outside the prism */
+/* Bisects the interval from the depth `before`, whose points do not pass, to the hits on the rays in `passed`. Beyond
+ * the depth `extended`, points outside the prism can pass, too. */
 void refine_slice_hit(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                       SliceHit *hit, int halvings, floatl before, intl passed, floatl extended)
 {
@@ -90,7 +91,8 @@ void refine_slice_hit(const Context *context, const Prism *t, const Region *regi
     }
 }
 
-/* The depth at which rays cross the base, clamped to `entry` and `exit`; crosses: the crossing lies between them */
+/* The depth at which rays cross the base, clamped to `entry` and `exit`. Sets `crosses` where that depth is on the
+ * base */
 INLINED floatl depth_of_base(const Prism *t, const PrismRays *rays, floatl entry, floatl exit, intl *crosses)
 {
     const floatl z = clamp_lanes(-rays->rise.fixed / rays->rise.sloped, entry, exit);
@@ -99,7 +101,8 @@ INLINED floatl depth_of_base(const Prism *t, const PrismRays *rays, floatl entry
     return z;
 }
 
-/* Depths on a block's rays: from `entry` to `exit` they are inside a prism, from `front` to `back` slices are tested */
+/* A block's rays in a prism: they are inside from depth `entry` to `exit`, and slices are tested from `front` to
+ * `back`. inside: rays that enter the prism; meets: rays on which slices are tested */
 typedef struct {
     floatl entry, exit, front, back;
     intl inside, meets;
@@ -107,8 +110,8 @@ typedef struct {
 
 INLINED Passage passage_of(const Prism *t, floatl x, floatl y, floatl so_far)
 {
-    /* The interval of nearness in which the ray lies inside, bounded by planes over the picture */
-    floatl far = t->first, near = t->last; /* limits the rounding errors of a flat prism's sides */
+    /* The interval of nearness in which each ray lies inside all bounding planes */
+    floatl far = t->first, near = t->last; /* a flat prism's sides have large rounding errors */
     for (int k = 0; k < PRISM_PLANES; k++) {
         const floatl n = t->sides[k].x * x + (t->sides[k].y * y + t->sides[k].one);
         if (t->leaves[k])
@@ -130,7 +133,7 @@ INLINED Passage passage_of(const Prism *t, floatl x, floatl y, floatl so_far)
     return p;
 }
 
-/* The depths at which a block's rays meet a slice, and the places there */
+/* The depths at which a block's rays meet a slice, and their places in the prism there */
 typedef struct {
     floatl z;
     Place place;
@@ -152,11 +155,12 @@ INLINED Meeting meeting_of(const Prism *t, const PrismRays *rays, const Passage 
     return met;
 }
 
-/* The parabola through three values, at a fraction `part` of the way from the first to the last */
+/* The value at `part`, 0 to 1, of a parabola with the values `from` at 0, `middle` at 1/2 and `to` at 1 */
 #define ON_PARABOLA(from, middle, to, part)                                                                    \
     ((from) + (part) * ((4.0f * (middle) - 3.0f * (from) - (to)) + (part) * (2.0f * ((from) - 2.0f * (middle) + (to)))))
 
-/* Finds the slices that rays meet: sets the first slice's number, and returns how many follow it; < 0: no slice */
+/* Finds the slices that rays meet. Sets the number of the first slice, and the step to the next (1 or -1). Returns how
+ * many slices follow the first; < 0: the ray meets none */
 INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, Linear number, floatl *slice,
                        floatl *step)
 {
@@ -176,10 +180,10 @@ INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, 
     return to_intl((last - *slice) * *step);
 }
 
-/* Tests the slices from front to back until one passes. Returns the depths before the hits, where the test failed.
- * last: the depths of the last slices, or the entry depths if there are none. Crossings are exact at the ends and in
- * the middle of a run of slices; parabolas interpolate between these, with errors far below the spacing. drawn: depths
- * beyond which everything is occluded */
+/* Tests the slices from front to back until a point passes. Returns the depth of the last point in front of the hit,
+ * where the test failed. last: set to the depth of the last slice, or of the entry if the ray meets no slice. The
+ * depths of a run of RUN slices come from a parabola that is exact at the run's ends and middle; its errors are far
+ * below the spacing. drawn: depths beyond which everything is occluded */
 static floatl walk_slices(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                    const Passage *p, Linear number, floatl drawn, SliceHit *hit, floatl *last)
 {
@@ -224,7 +228,7 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (t->front <= region->farthest[block])
         return;
 #if BLOCK > 1 && !UNCLIPPED
-    for (int k = 0; k < t->outlines; k++) /* most blocks in the box of a prism do not show it */
+    for (int k = 0; k < t->outlines; k++) /* most blocks in a prism's box lie outside its outline */
         if (t->outline[k].x * first_x + (t->outline[k].y * first_y + t->outline[k].one) < 0.0f)
             return;
 #endif
@@ -253,8 +257,8 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (context->slicing != SURFACE)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & !hit.found & (rays.rise.sloped < 0.0f) & reaches_end, 0);
-    /* Rays that leave through a side are tested there: the next prism, if any, has slices only beyond it. The bounding
-     * planes are a little outside the prism, where heights are extrapolated. */
+    /* Rays that leave through a side are tested there, as slices of the next prism, if any, only lie beyond the side.
+     * The bounding planes are a little outside the prism, where heights are extrapolated. */
     const intl in_prism = hit.found;
     if (t->halvings > 0 || t->ends) {
         const Place end = place_at(&t->bend, &rays, p.exit, height_at_depth(&t->bend, &rays, p.exit));

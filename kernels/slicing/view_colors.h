@@ -1,26 +1,27 @@
 #ifndef SLICING_VIEW_COLORS_H
 #define SLICING_VIEW_COLORS_H
-/* The colours of an object: the colours of views that see the points where rays meet it, weighted by how close the
- * views' directions are to the ray's.
+/* The colour of a point where a ray meets an object: a mean of the colours of the views that see the point. A view
+ * weighs more if its direction is closer to the picture's.
  *
- * A view sees a point if the ray meets the view's own surface there, or a little in front of it: the object begins
- * where the volumes of all views overlap. The view's own surface comes from its samples, without the creases between
- * them. The farther the samples around a point lie from it in depth, the less the view counts. So a view of an oblique
- * surface, with one sample in front and one behind, counts little unless no other view sees the point.
+ * A view sees a point if the ray meets the view's surface at the point or a little in front of it: the volumes of all
+ * views overlap only behind each view's surface. Here a view's surface is bilinear, without the creases between
+ * samples. The more the depths of a view's samples around a point differ from the point's, the less the view counts. So
+ * a view of an oblique surface, with a sample in front and a sample behind, counts little unless no other view sees the
+ * point.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
 #include "slicing/object_slices.h"
 
-#define BLENDED_VIEWS 3     /* most views in a colour */
+#define BLENDED_VIEWS 3     /* most views in a pixel's colour */
 /* Differences in depth between a view's sample and a point, in sample distances: */
 #define LEVEL_SAMPLES 0.5f  /* the sample's weight for visibility is a half */
 #define TORN_SAMPLES 4.0f   /* the sample's weight for colour is a half */
 #define HIDDEN_SAMPLES 4.0f /* a point is occluded if all samples around it lie more than this in front */
-#define BEYOND_OUTLINE 1e6f   /* distance of a view's surface behind a point, where the view has none */
-#define VIEWS_MIN 0.002f    /* views: if fewer see a point, its hit is refined before it is coloured */
-#define CLOSER_HALVINGS 6   /* further halvings then: a surface along the view lies within one sample */
-#define STRIDES 4           /* from the object's surface back to a view's own; each doubles the distance so far */
+#define BEYOND_OUTLINE 1e6f   /* distance from a point back to a view's surface where the view has no surface */
+#define VIEWS_MIN 0.002f    /* views: if fewer see a point, its hit is refined before the point is coloured */
+#define CLOSER_HALVINGS 6   /* bisections that refine the hit, which matter where a view looks along the surface */
+#define STRIDES 4           /* most steps from the object back to a view's surface; each step doubles the distance */
 
 /* The sum of weighted colours of at most BLENDED_VIEWS views */
 typedef struct {
@@ -29,7 +30,7 @@ typedef struct {
     floatl views; /* number of views; a view that sees a point in part counts as that fraction */
 } Blend;
 
-/* Sample distances (of the coarsest view) per unit of a view's nearness, at the nearness `mine` */
+/* Factor from differences in a view's nearness, near `mine`, to sample distances (of the coarsest view) */
 INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, floatl mine)
 {
     const intl flat = fabs(view->w.fixed - 1.0f) + fabs(view->w.sloped) == 0.0f; /* orthographic: nearness is -z */
@@ -40,11 +41,11 @@ INLINED floatl samples_per_nearness(const Views *views, const ViewRay *view, flo
 typedef struct {
     Color color, normal; /* times their weights */
     floatl weight;
-    floatl part; /* fraction of the samples' weight at the point's depth: low on an oblique surface */
+    floatl part; /* fraction of the samples' weight that lies near the point's depth: low on an oblique surface */
     intl sees;
 } ViewColor;
 
-/* visible: samples count by how close their depths are to the rays' points at depth `at`; else all count */
+/* visible: a sample weighs less the more its depth differs from the point's at depth `at`; else depths do not count */
 
 INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view, Samples samples, floatl at,
                              int visible)
@@ -71,8 +72,8 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
     return seen_color;
 }
 
-/* The distance by which a view's surface lies in front of the rays' points at depth z, in sample distances; farthest:
- * the same distance for the farthest of the samples around */
+/* How far a view's surface lies in front of the rays' points at depth z, in sample distances; farthest: how far the
+ * farthest of the four samples around lies in front */
 INLINED floatl view_surface_before(const Views *views, int number, const ViewRay *view, floatl z, floatl *farthest)
 {
     global const int *size = views->sizes + 3 * number;
@@ -88,9 +89,9 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
     return select_lanes(surface.there, (surface.nearness - mine) * per_sample, (floatl)-BEYOND_OUTLINE);
 }
 
-/* The depth at which the rays meet a view's own surface. The search reaches up to STRIDES strides in front of the
- * object, which begins where all views' volumes overlap. A view does not see a point if the search fails, or if all
- * samples around lie far in front of the point: such rays are no longer `active`. */
+/* The depth at which the rays meet a view's surface: at `hit`, or in up to STRIDES steps in front of `hit`. If the
+ * steps do not reach the surface, or if all samples around lie far in front of the point, the view does not see the
+ * point, and the ray is removed from `active`. */
 INLINED floatl own_surface_before(const Views *views, int number, const ViewRay *view, floatl hit, intl *active)
 {
     floatl farthest, z = hit, from = hit, last = view_surface_before(views, number, view, hit, &farthest);
@@ -109,8 +110,8 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
     return z;
 }
 
-/* Blends the views' colours of the rays' points at depth `hit`, from the closest view on; visible: only views that see
- * the points, else all views */
+/* Blends the views' colours of the rays' points at depth `hit`, starting with the closest view. visible: only views
+ * that see a point count, else all views */
 INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
@@ -140,7 +141,7 @@ INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, i
     return blend;
 }
 
-/* The colours of the rays' points at depth `hit`, from views that see them; if there are none, from the closest
+/* The colours of the rays' points at depth `hit`, from views that see the point, or if there are none, from the closest
  * views */
 OUTLINED Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segment, floatl hit, int halvings, intl found,
                intl *tests)

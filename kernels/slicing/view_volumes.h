@@ -1,8 +1,8 @@
 #ifndef SLICING_VIEW_VOLUMES_H
 #define SLICING_VIEW_VOLUMES_H
-/* The volume that each view's image keeps: the points behind the surface that its depth image displaces (SILHOUETTES
- * 0), or inside its silhouette (SILHOUETTES 1). The object is their intersection (Kautz & Seidel 2001, sections 4 and
- * 5). Arrays: object.cl.
+/* Each view's volume: the points behind the surface of its depth image (SILHOUETTES 0), or inside its silhouette
+ * (SILHOUETTES 1). An object is the intersection of all views' volumes (Kautz & Seidel 2001, sections 4 and 5). Arrays:
+ * object.cl.
  */
 #include "lib/screen.h"
 #include "lib/taps.h"
@@ -13,7 +13,7 @@
 #define SILHOUETTES 0 /* 1: maps are masks */
 #endif
 #ifndef RIBBONS
-#define RIBBONS 0 /* 1: parts one sample thin in a view are as wide there as their ribbons (slicing/ribbons.cl) */
+#define RIBBONS 0 /* 1: parts that are one sample wide in a view get the width of ribbons (lib/ribbons.h) */
 #endif
 
 /* A pixel's ray in the world */
@@ -21,7 +21,7 @@ typedef struct {
     Linear x, y, z;
 } WorldRay;
 
-/* The product of a matrix row with the points of a ray, whose homogeneous coordinate is 1 */
+/* The product of a matrix row and the points of a ray, with homogeneous coordinate 1 */
 INLINED Linear row_of(global const float *m, const WorldRay *ray)
 {
     Linear made;
@@ -30,7 +30,7 @@ INLINED Linear row_of(global const float *m, const WorldRay *ray)
     return made;
 }
 
-/* The four samples of a view's image around a place, their weights, and whether the place lies on the image */
+/* A view's four samples around a place, their bilinear weights, and whether the place lies in the view's image */
 typedef struct {
     Taps taps;
     floatl weights[4];
@@ -58,11 +58,12 @@ typedef struct {
     intl there;
 } SurfaceSample;
 
-/* The view's surface at the samples, for `wanted` points of nearness `mine`. The surface is exact close to the points;
- * elsewhere it only lies on the correct side of them. reach: greatest nearness of the surface above its samples.
- * outline: sum of sample weights at which a cell's nearest part ends towards background; 0.5 is half-way, because a
- * sample covers its pixel. Towards a surface behind it, this part falls off to that surface, later for a smaller
- * `outline`. creases: 0 leaves out the creases between four samples. */
+/* A view's surface at a place, for `wanted` points with the nearness `mine` in the view. The surface is exact where it
+ * may be close to the points; elsewhere it only lies on the correct side of them. reach: greatest difference in
+ * nearness between surface and samples. outline: sum of the weights of the samples in a cell's nearest part at which
+ * this part ends before background; 0.5 is half-way, as a sample covers its pixel. Before a farther surface, the part
+ * falls off to that surface instead, farther out for a smaller `outline`. creases: 0 leaves out creases between four
+ * samples. */
 INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
                                  float reach, floatl mine, intl wanted, int creases)
 {
@@ -99,7 +100,7 @@ INLINED SurfaceSample surface_at(global const float *map, global const int *size
     return surface;
 }
 
-/* The bilinear weights of the samples around a place that belong to the object, summed */
+/* The sum of the bilinear weights of those samples around a place that belong to the object */
 INLINED floatl mask_at(global const float *map, Samples samples)
 {
     floatl sum = 0.0f;
@@ -139,7 +140,7 @@ typedef struct {
 } Views;
 
 #if RIBBONS
-/* The nearer of a view's nearness `value` and its ribbons at the place (x, y) */
+/* The greatest nearness at a view's place (x, y): of `value` and of the ribbons there */
 INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x, floatl y, intl active, floatl value)
 {
     const floatl column = clamp_lanes(floor_lanes(x + 0.5f), (floatl)0.0f, (floatl)(size[0] - 1));
@@ -156,7 +157,7 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
         }
         floatl low = 0.0f, high = 1.0f;
         const floatl across[2] = {x - part[0], y - part[1]};
-        for (int axis = 0; axis < 2; axis++) { /* range of the sweep in which the square covers the place */
+        for (int axis = 0; axis < 2; axis++) { /* part of the sweep during which the square covers the place */
             const floatl length = part[2 + axis],
                          per_length = 1.0f / select_lanes(fabs(length) > 1e-6f, length, (floatl)1e-6f);
             const floatl a = (across[axis] - 0.5f) * per_length, b = (across[axis] + 0.5f) * per_length;
@@ -172,11 +173,12 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* Number of views whose rays are held: the first in testing order, where most points fail. Rays of other views are
- * computed for each point. GPUs compute all rays, because an indexed array would lie in device memory. */
+/* The first views in testing order, where most points fail: a pixel's ray is transformed to their spaces once. For
+ * other views it is transformed for each point. On GPUs it always is, as an indexed array would lie in device
+ * memory. */
 #define RAYS_HELD (LANES == 1 ? 0 : 6)
 
-/* A pixel's ray, with its form in the space of the first views */
+/* A pixel's ray in the world, and in the spaces of the first RAYS_HELD views */
 typedef struct {
     const WorldRay *ray;
     ViewRay held[RAYS_HELD + 1];
@@ -189,8 +191,8 @@ void hold_rays(const Views *views, const WorldRay *ray, ViewRays *rays)
         rays->held[i] = view_ray(views->matrices + 16 * views->order[i], ray);
 }
 
-/* Returns which of the rays' points at depth z pass the test of every view. passed: rises by the number of views that a
- * point passes before the first that it fails */
+/* Returns which of the rays' points at depth z pass the test of every view; inside: points to test. Adds to `passed`
+ * the number of views that a point passes before a view rejects it, and to `tests` the number of views tested. */
 intl inside_all(const Views *views, const ViewRays *rays, floatl z, intl inside, intl *passed, intl *tests)
 {
     for (int i = 0; i < views->count && any_lane(inside); i++) {
