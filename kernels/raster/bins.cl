@@ -1,19 +1,21 @@
 /* Binning: lists the primitives that may touch each bin of BIN x BIN pixels, in the order of the primitives.
  *
- * `project` maps vertices of the world to the target's pixel space. Its screen is for points relative to `origin`, the
- * camera's centre: far from the world's origin, such differences are exact, and the matrix has no large numbers.
- * `bound_primitives` bounds each primitive. `count_bins` counts the primitives of each chunk and bin. `total_bins` and
- * `total_rows` sum the counts of each bin and each row of bins. `start_bins` turns the counts of a bin into positions.
- * `fill_bins` writes the indices of the primitives: each chunk fills its own range of a bin's list, so lists keep the
- * order of the primitives, without atomics. `sort_bins` sorts each list from front to back, which pays if the fragment
- * program costs more than the sort.
+ * `project` maps vertices from the world to the target's pixel space. `screen` maps points relative to `origin`, the
+ * camera's centre: far from the world's origin, these differences are exact, and the matrix has no large numbers.
+ * `bound_primitives` finds the bins that each primitive may touch. Primitives are divided into chunks of `chunk`
+ * primitives; `count_bins` counts each chunk's primitives in each bin. `total_bins` and `total_rows` sum the counts of
+ * each bin and of each row of bins. `start_bins` replaces each count by the place in `list` where the chunk's
+ * primitives in this bin begin. `fill_bins` writes the indices of the primitives there, so lists keep the order of the
+ * primitives, without atomics. `sort_bins` sorts each list from front to back, which pays if the fragment program costs
+ * more than the sort.
  *
  * vertices: (count, 3) world. projected: (vertices, 4) homogeneous U, V, W, Q (lib/pixelspace.h). corners: (primitives,
- * CORNERS) vertex indices. boxes: (primitives, 4) first and last bin in x and y; empty (first > last) if invisible.
- * counts: (chunks, bins), initially 0. totals: (bins,). row_totals: (bins_y,). starts: (bins + 1,) start of each bin's
- * list in `list`. culled: see triangle.h. Work-item: a vertex (project), STRIP packets of primitives (bound), a chunk
- * (count, fill), a bin (total, start), a row of bins (total_rows). Cost: O(vertices + primitives + list + chunks *
- * bins). Determinism: fixed order.
+ * CORNERS) vertex indices. boxes: (primitives, 4) first and last bin in x, first and last in y; first > last if
+ * invisible. counts: (chunks, bins), initially 0. totals: (bins,). row_totals: (bins_y,). list: primitives, bin by bin.
+ * starts: (bins + 1,) start of each bin's list in `list`. keys: as long as `list`, scratch. culled: see triangle.h.
+ * Work-item: a vertex (project), STRIP packets of primitives (bound), a chunk (count, fill), a bin (total_bins, start,
+ * sort), a row of bins (total_rows). Cost: O(vertices + primitives + list + chunks * bins), plus the sort. Determinism:
+ * fixed order.
  */
 #include "lib/screen.h"
 
@@ -21,7 +23,7 @@
 #define CORNERS 3 /* vertices of a primitive: 3 for triangles, 6 for prisms */
 #endif
 #ifndef BETWEEN
-#define BETWEEN 0 /* 1: primitives between the pixels are listed, too */
+#define BETWEEN 0 /* 1: primitives that contain no pixel's centre are listed, too */
 #endif
 #define BIN_MARGIN (BETWEEN ? 1.0f : 0.01f) /* pixels: triangle.h rounds projected corners to 1/256 */
 
@@ -37,7 +39,7 @@ kernel void project(global const float *vertices, global float *projected, int c
     vstore4(made, i, projected);
 }
 
-/* The first and last bins that each of LANES primitives may touch; low_x > high_x if there are none */
+/* The first and last bins, in x and in y, that each of LANES primitives may touch; low > high if there are none */
 typedef struct {
     intl low_x, high_x, low_y, high_y;
 } Boxes;
@@ -73,7 +75,7 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
         low_y = select_lanes(before, min_lanes(y[k], low_y), low_y);
         high_y = select_lanes(before, max_lanes(y[k], high_y), high_y);
     }
-    if (any_lane(some & !all)) /* where edges cross the near plane: seldom, so corners are read again */
+    if (any_lane(some & !all)) /* adds where edges cross the near plane; seldom, so corners are read again */
         for (int k = 0; k < CORNERS; k++)
             for (int l = 0; l < CORNERS; l++) {
                 const ProjectedCorner from = corner_of(corners, projected, index, k),
@@ -95,7 +97,7 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
     const floatl y1 = floor_lanes(max_lanes(min_lanes(high_y + BIN_MARGIN, bottom), beside));
     intl seen = some & (x0 <= x1) & (y0 <= y1);
 #if CORNERS == 3
-    if (culled) { /* triangle.h culls on moved corners, which may flip slivers: the limit grows with length */
+    if (culled) { /* triangle.h moves corners first, which may flip slivers: so the limit grows with the lengths */
         const floatl ax = x[1] - x[0], ay = y[1] - y[0], bx = x[2] - x[0], by = y[2] - y[0];
         const floatl moved = BIN_MARGIN * (1.0f + fabs(ax) + fabs(ay) + fabs(bx) + fabs(by));
         seen = seen & (!all | ((ax * by - ay * bx) * culled <= moved));
@@ -121,7 +123,8 @@ kernel void bound_primitives(global const int *corners, global const float *proj
     }
 }
 
-/* Counts a chunk's primitives in each bin or, with `fills`, fills in their indices from the places `counts` on. */
+/* Counts a chunk's primitives in each bin; or, with `fills`, writes their indices to `list`, from the places in
+ * `counts` on. */
 INLINED void go_through_chunk(global const short *boxes, global int *counts, global int *list, int fills,
                               int primitives, int chunk, int bins_x, int bins_y)
 {
@@ -205,7 +208,7 @@ float front_of(global const int *corners, global const float *projected, int i)
     return nearest;
 }
 
-/* Heap sort by nearness, then by index. */
+/* Sorts each list by nearness, nearest first, then by index (heap sort). */
 kernel void sort_bins(global const int *corners, global const float *projected, global float *keys, global int *list,
                       global const int *starts, int bins)
 {

@@ -1,6 +1,6 @@
 #ifndef RASTER_FRAGMENT_H
 #define RASTER_FRAGMENT_H
-/* Common part of all kernels with fragment programs: the bins of raster/bins.cl, and the picture's regions.
+/* Common part of all kernels with fragment programs: how they read the bins of raster/bins.cl and begin a region.
  *
  * A fragment program defines
  *   Context     its arguments, passed by pointer
@@ -14,12 +14,12 @@
  */
 #include "raster/region.h"
 
-/* Parameters of the bins, and of their camera */
+/* Kernel parameters: the bins, and the camera for which they were made */
 #define BINS_PARAMETERS                                                                                        \
     global const float *projected, global const int *list, global const int *starts, int bins_x,               \
         Screen screen, float nearest_w
 
-/* Primitives that may be visible in a bin, or only one mesh's primitives: list[first] to list[last - 1] */
+/* Primitives that may be visible in a bin, of all meshes or some: list[first] to list[last - 1] */
 typedef struct {
     global const int *list;
     int first, last;
@@ -34,8 +34,8 @@ INLINED void list_of_bin(global const int *list, global const int *starts, int b
     listed->last = starts[bin + 1];
 }
 
-/* Begins the region at (x, y) and returns 1. If its bin's list is empty, clears the region in a blank picture
- * instead, and returns 0. */
+/* Begins the region at (x, y) and returns 1. If the list is empty, returns 0 instead, and clears the region if the
+ * picture is blank. */
 OUTLINED int begin_listed(Region *region, const Picture *picture, BinList listed, int x, int y)
 {
     const int any = listed.first < listed.last;
@@ -46,7 +46,8 @@ OUTLINED int begin_listed(Region *region, const Picture *picture, BinList listed
     return any;
 }
 
-/* Sets the bin's list and begins the region of this work-item, in a launch with one work-item for each region. */
+/* Sets the list, and begins the region, of this work-item in a launch with a work-item for each region. Returns 0 if
+ * there is nothing to draw, else 1. */
 INLINED int begin_item(Region *region, const Picture *picture, global const int *list, global const int *starts,
                        int bins_x, BinList *listed)
 {

@@ -1,6 +1,7 @@
 #ifndef RASTER_LIST_H
 #define RASTER_LIST_H
-/* Loop over the primitives of a list. Include it after a fragment program (fragment.h) that defines FRAGMENTS as 1. */
+/* The loop that draws the primitives of a list. Include this file after a fragment program (fragment.h) that defines
+ * FRAGMENTS as 1. */
 #include "raster/fragment.h"
 
 #ifndef FRAGMENTS

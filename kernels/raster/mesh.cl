@@ -1,14 +1,14 @@
-/* Triangle meshes: texture, vertex colours, light.
+/* Draws triangle meshes with texture, vertex colours and light.
  *
- * Perspective-correct: a corner's weight at a pixel is the function of the opposite edge, divided by the sum of all
- * three. The texture is read bilinearly in the two mip levels around the pixel's footprint (Williams 1983), along its
- * longer side by lib/footprint.h.
+ * Values are interpolated perspective-correctly: a corner's weight at a pixel is the function of the opposite edge,
+ * divided by the sum of all three. The texture is read bilinearly in two mip levels, between which the size of the
+ * pixel's footprint lies (Williams 1983); lib/footprint.h takes several samples along a footprint's longer side.
  *
  * faces: (triangles, 3) vertex indices. projected, list, starts: bins.cl. depth, color, valid: (height, width) the
  * picture; nearer pixels stay, and the first of equally near triangles is visible.
  * TEXTURED: uv (vertices, 2); texels: RGBA bytes, level by level from the largest, each half the size of the previous
- * one, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,) 1, or -1
- * where the normals point to the side on which the corners run clockwise. culled: see triangle.h.
+ * one, rounded down. TINTED: tints (vertices, 3) in [0, 1]. LIT: normals (vertices, 3); fronts: (triangles,) -1 if the
+ * normals point to the side from which the corners run clockwise, else 1. culled: see triangle.h.
  * Work-item: a region (region.h). Cost: O(list + pixels). Determinism: list order.
  */
 #include "lib/color.h"
@@ -23,7 +23,7 @@
 #define TINTED 0 /* 1: the mesh has vertex colours */
 #endif
 
-/* Mean of the corners' values, by their weights */
+/* The weighted mean of the corners' values at a pixel */
 INLINED floatl mean_of(const OnTriangle *p, floatl first, floatl second, floatl third)
 {
     return p->weight[0] * first + p->weight[1] * second + p->weight[2] * third;
@@ -37,7 +37,7 @@ INLINED Vector mean_vector(const OnTriangle *p, global const float *vectors)
 }
 
 #if TEXTURED
-/* Texture at the pixels, for footprints one pixel wide */
+/* The texture's colours at the pixels, averaged over the pixels' footprints */
 INLINED Color read_texture(const OnTriangle *p, global const float *uv, global const uint *texels, int width,
                            int height, int levels ANISOTROPY_PARAMETER)
 {
@@ -46,8 +46,8 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
     for (int k = 0; k < 3; k++)
         gather_pairs(uv, 2 * p->corner[k], &cu[k], &cv[k]);
     const floatl u = mean_of(p, cu[0], cu[1], cu[2]), v = mean_of(p, cv[0], cv[1], cv[2]);
-    /* From a pixel to the next along x (or y), each corner's weight changes by its edge's a (or b), and the total by
-     * their sum. */
+    /* From a pixel to the next along x, the function of the edge opposite to a corner changes by a, and the sum of the
+     * three functions by a_sum; along y, by b and b_sum. */
     floatl du_x = 0.0f, dv_x = 0.0f, du_y = 0.0f, dv_y = 0.0f, a_sum = 0.0f, b_sum = 0.0f;
     UNROLLED
     for (int k = 0; k < 3; k++) {
@@ -83,7 +83,7 @@ INLINED Color read_texture(const OnTriangle *p, global const float *uv, global c
 #endif
 
 #if SHADOWED
-/* Normal of the triangle's plane, on the side where its corners run clockwise. Shading uses interpolated normals. */
+/* The normal of a triangle's plane, on the side from which its corners run counter-clockwise; not used for shading. */
 INLINED Vector own_normal(const OnTriangle *p, global const float *vertices)
 {
     Vector at[3];

@@ -1,19 +1,20 @@
-/* Rays: the nearest, or the farthest, triangle that the ray of each pixel meets.
+/* Finds the nearest, or the farthest, triangle that each ray meets.
  *
- * Relative to a ray, an edge function is the difference of two products: its sign is right or 0, and 0 is inside. No ray
- * passes between two triangles with a common edge. A ray that meets no triangle gets one that it nearly meets: it may
- * pass exactly through the border of a surface.
+ * With the ray as origin, an edge function is the difference of two products: its sign is correct or 0, and 0 counts as
+ * inside. So no ray passes between two triangles with a common edge. A ray may pass exactly through the border of a
+ * surface, so a ray that meets no triangle gets a triangle that it misses by at most NEAR_MISS.
  *
- * faces: (triangles, 3) vertices of each. projected, list, starts: bins.cl. places: (2, rays) columns and rows in the
- * picture of the bins; NaN for rays that keep their triangle. sense: 1 for the nearest triangle, -1 for the farthest;
- * the first of equally distant ones. met: (rays,), -1 if there is none. Work-item: a ray. Cost: O(list). Determinism:
- * list order.
+ * faces: (triangles, 3) vertex indices. projected, list, starts: bins.cl. places: (2, rays) each ray's column and row
+ * in the picture for which the bins were made; NaN: the ray's entry in `met` is kept. sense: 1 for the nearest
+ * triangle, -1 for the farthest; of equally distant triangles, the first. met: (rays,) triangle, -1: none. Work-item: a
+ * ray. Cost: O(list). Determinism: list order.
  */
 #include "raster/fragment.h"
 
 #define NEAR_MISS 1e-3f /* pixels */
 
-/* Nearness of the triangle where the ray at (x, y) meets it, or misses it by `slack` pixels at most; NaN elsewhere */
+/* Nearness of a triangle's plane on the ray at (x, y), if the ray meets the triangle or misses it by at most `slack`
+ * pixels; else NaN */
 float met_nearness(global const int *corners, global const float *projected, float x, float y, float slack)
 {
 #pragma OPENCL FP_CONTRACT OFF /* contraction would round only one of two products */

@@ -1,6 +1,6 @@
 #ifndef RASTER_REGION_H
 #define RASTER_REGION_H
-/* The region of pixels that a work-item draws: it is read from the picture, drawn to, and written back.
+/* The region of pixels that a work-item draws: read from the picture, drawn, and written back.
  *
  * On a CPU a region is a bin, processed in blocks of 4 x 4 pixels, one pixel to a lane; on a GPU it is one pixel.
  */
@@ -43,8 +43,8 @@ typedef struct {
 #define PICTURE_VALUE {screen, depth, color, valid, blank}
 
 typedef struct {
-    floatl nearness[BLOCKS]; /* largest so far */
-    intl owner[BLOCKS];      /* visible primitive; -1: none of the list */
+    floatl nearness[BLOCKS]; /* of the visible point of each pixel, EMPTY: none */
+    intl owner[BLOCKS];      /* visible primitive; -1: none that this kernel drew */
     float farthest[BLOCKS];  /* least nearness in the block */
 #if KEEPS_UV
     floatl u[BLOCKS], v[BLOCKS]; /* position on the owner */
@@ -63,7 +63,7 @@ long pixel_of(Screen screen, int x, int y, int lane)
     return px < screen.width && py < screen.height ? (long)py * screen.width + px : -1;
 }
 
-/* Adds to the counters of a block's pixels. */
+/* Adds a number for each pixel of a block to the pixel's counter. */
 void add_to_counters(global int *counters, const Region *region, int block, Screen screen, intl added)
 {
     for (int lane = 0; lane < LANES; lane++) {
@@ -74,7 +74,7 @@ void add_to_counters(global int *counters, const Region *region, int block, Scre
 }
 
 #if LANES == 16
-/* Is all of the block at (x, y) in the picture? */
+/* Does the whole block at (x, y) lie in the picture? */
 #define IS_WHOLE(screen, x, y) ((x) + BLOCK <= (screen).width && (y) + BLOCK <= (screen).height)
 
 float16 block_depths(Screen screen, global const float *depth, int x, int y)
@@ -170,15 +170,15 @@ INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, C
 }
 #endif
 
-/* Writes pixels of a block one by one: the pixels in `mine`, and in a blank picture also the others. z: their depths.
- * Returns which pixels of `mine` are visible now. */
+/* Writes pixels of a block one by one: the pixels in `mine`, and in a blank picture also the others. z: depths of the
+ * pixels. Returns which pixels of `mine` are visible now. */
 OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, int x, int y, Color shade)
 {
     for (int lane = 0; lane < LANES; lane++) {
         const long at = pixel_of(picture->screen, x, y, lane);
         const int is_mine = int_lane(mine, lane) != 0, blank = picture->blank;
         if (at < 0 || !(is_mine || blank) || (!blank && float_lane(z, lane) >= picture->depth[at])) {
-            set_int_lane(mine, lane, 0); /* also if equally far: converting nearness to depth and back rounds */
+            set_int_lane(mine, lane, 0); /* also at equal depths: conversion from depth to nearness and back rounds */
             continue;
         }
         picture->depth[at] = float_lane(z, lane);
@@ -189,8 +189,8 @@ OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, i
     return mine;
 }
 
-/* Writes a block of the region to the picture; shade in [0, 1]. Returns which pixels show the region's primitives
- * afterwards. */
+/* Writes a block of the region to the picture; shade: colours in [0, 1]. Returns at which pixels the region's
+ * primitives are visible now. */
 INLINED intl write_block(const Region *region, int block, const Picture *picture, Color shade)
 {
     const int x = region->x + FIRST_X(block), y = region->y + FIRST_Y(block);
@@ -206,7 +206,7 @@ INLINED intl write_block(const Region *region, int block, const Picture *picture
     return write_single_pixels(picture, z, mine, x, y, shade);
 }
 
-/* Enters a block's `written` pixels into the G-buffer. normal: as images store it */
+/* Enters a block's `written` pixels into the G-buffer. normal: encoded as in images */
 INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, int block, const Picture *picture,
                          Color normal)
 {

@@ -3,45 +3,45 @@
 /* Triangles in homogeneous pixel space (Olano & Greer 1997). They need no clipping, because an edge function is
  * positive on the visible side only, even where a corner lies behind the camera. LANES triangles are set up together.
  *
- * Coverage is decided in whole numbers, on corners that are moved to the nearest 1/256 of a pixel, or in floating point
- * for edges with a corner behind the camera or far away. Either way, two triangles that share an edge have exactly
- * opposite functions, and the top-left rule gives the pixels on the edge to one of them.
+ * Edge functions are computed in whole numbers, from corners that are moved to the nearest 1/256 of a pixel, or in
+ * floating point for edges with a corner behind the camera or far away. Either way, two triangles that share an edge
+ * have exactly opposite functions, and the top-left rule gives the pixels on the edge to one of them.
  */
 #include "lib/screen.h"
 #include "raster/region.h"
 
-/* `culled`: sign of the area of culled triangles. The area of a triangle is positive if it is seen from behind. */
+/* Values of `culled`: the sign of the area of triangles that are not drawn. Areas are positive seen from behind. */
 #define CULLS_NONE 0
 #define CULLS_BACKS 1
 #define CULLS_FRONTS -1
 
 #define SUBPIXELS 256
-#define FARTHEST_CORNER 16384.0f /* pixels from the region: beyond, whole numbers of 32 bits overflow */
+#define FARTHEST_CORNER 16384.0f /* pixels from the region: for farther corners, whole numbers of 32 bits overflow */
 #define CORNER_ROUNDING 0.01f    /* pixels by which a moved corner may leave the triangle's box */
 
-/* a x + b y + c, positive inside */
+/* LANES edge functions a x + b y + c, positive inside */
 typedef struct {
     floatl a, b, c;
 } Edges;
 
-/* a x + b y + c, not negative on the pixels inside */
+/* The same in whole numbers: 0 or more at the pixels inside, the top-left rule included */
 typedef struct {
     intl a, b, c;
 } ExactEdges;
 
 typedef struct {
-    Edges edges[3]; /* opposite to each corner */
+    Edges edges[3]; /* edge k is opposite to corner k */
     ExactEdges exact_edges[3];
     intl exact;            /* bit k: edge k uses its exact function */
     floatl n_x, n_y, n_0;  /* nearness: n_x x + n_y y + n_0 */
-    floatl n_low, n_high;  /* range over the corners */
-    intl index, low_x, high_x, low_y, high_y; /* box in the region */
+    floatl n_low, n_high;  /* least and greatest nearness of the corners */
+    intl index, low_x, high_x, low_y, high_y; /* the triangle; its box of pixels in the region */
 } Triangles;
 
-/* Top-left rule: whether a triangle owns the pixels on its edge with these coefficients */
+/* Top-left rule: does a triangle own the pixels on its edge with the function a x + b y + c? */
 #define IS_TOP_LEFT(a, b) (((a) > 0) | (((a) == 0) & ((b) > 0)))
 
-/* Functions of the edges from (U, V, W)[i] to [j]: exactly the opposite of the functions from j to i */
+/* Functions of the edges from corner i to corner j: exactly the opposite of the functions from j to i */
 INLINED Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i, int j)
 {
 #pragma OPENCL FP_CONTRACT OFF /* contraction would round only one of two products */
@@ -49,8 +49,8 @@ INLINED Edges edges_of(const floatl *U, const floatl *V, const floatl *W, int i,
     return e;
 }
 
-/* Functions of the edges from p to q in subpixels, with the top-left rule; turned: -1 for triangles whose corners run
- * the other way */
+/* Functions of the edges from p to q (1/256 of a pixel), the top-left rule included. turned: 1, or -1 for triangles
+ * whose functions would be negative inside */
 INLINED ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turned)
 {
     ExactEdges e;
@@ -58,12 +58,12 @@ INLINED ExactEdges exact_edges_of(intl px, intl py, intl qx, intl qy, intl turne
     e.b = turned * (qx - px);
     const longl at_p = to_longl(e.a) * to_longl(px) + to_longl(e.b) * to_longl(py);
     const longl c = -at_p - to_longl(select_lanes(IS_TOP_LEFT(e.a, e.b), (intl)0, (intl)1));
-    e.c = to_intl(clamp(c >> 8, (longl)(-(1L << 29)), (longl)(1L << 29))); /* a x + b y counts subpixels times pixels */
+    e.c = to_intl(clamp(c >> 8, (longl)(-(1L << 29)), (longl)(1L << 29))); /* unit: 1/256 of a squared pixel */
     return e;
 }
 
-/* Sets up triangles with corners (triangles, 3) in `projected`; x, y: the region's first pixel. Returns which triangles
- * may be visible. */
+/* Sets up the triangles `index`; corners: (triangles, 3) indices in `projected`; x, y: the region's first pixel.
+ * Returns which triangles may be visible. */
 INLINED intl set_up_triangles(global const int *corners, global const float *projected, intl index, float nearest_w, int culled,
                       int x, int y, Triangles *t)
 {
@@ -123,7 +123,7 @@ INLINED intl set_up_triangles(global const int *corners, global const float *pro
         t->exact |= select_lanes(close[i] & close[j], (intl)(1 << k), (intl)0);
         t->exact_edges[k] = exact_edges_of(px[i], py[i], px[j], py[j], turned);
     }
-    /* Relative to a corner's nearness, the values of the plane are small, and so are their errors. */
+    /* The plane's values are computed relative to a corner's nearness: they are small, and so are their errors. */
     const floatl middle = select_lanes(crosses, (floatl)0.0f, Q[0] / W[0]);
     const floatl sign = select_lanes(determinant < 0.0f, (floatl)-1.0f, (floatl)1.0f);
     t->n_x = t->n_y = t->n_0 = 0.0f;
@@ -149,7 +149,7 @@ INLINED intl set_up_triangles(global const int *corners, global const float *pro
     return seen;
 }
 
-/* Returns which pixels of the block at (first_x, first_y) a lane's triangle covers, and computes their nearness. */
+/* Returns which pixels of the block at (first_x, first_y) a lane's triangle covers. Sets their nearness. */
 INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, floatl *nearness)
 {
     const intl xi = first_x + block_x, yi = first_y + block_y;
@@ -168,22 +168,22 @@ INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, 
             covered = covered & (IS_TOP_LEFT(a, b) ? inside >= 0.0f : inside > 0.0f);
         }
     }
-    /* Moved corners may cover a pixel outside the triangle, where a steep plane leaves the corners' range. */
+    /* With moved corners, a triangle may cover a pixel outside it, where a steep plane leaves the corners' range. */
     const floatl plane = float_lane(t->n_x, lane) * x + (float_lane(t->n_y, lane) * y + float_lane(t->n_0, lane));
     *nearness = clamp_lanes(plane, (floatl)float_lane(t->n_low, lane), (floatl)float_lane(t->n_high, lane));
     return covered;
 }
 
-/* A pixel's position on a triangle: the triangle's corners and their perspective-correct weights. */
+/* Pixels' positions on triangles: the triangles' corners and the corners' perspective-correct weights. */
 typedef struct {
     intl corner[3];
     floatl weight[3];
-    floatl U[3], V[3], W[3]; /* homogeneous corners, in coordinates whose origin is the pixel */
+    floatl U[3], V[3], W[3]; /* homogeneous corners, with the pixel as origin */
     floatl area; /* twice the triangle's area, as seen: > 0 from behind */
     int uniform; /* all lanes are on one triangle */
 } OnTriangle;
 
-/* Position of the pixel (x, y) of the picture */
+/* The positions of the picture's pixels (x, y) on triangles */
 INLINED OnTriangle on_triangle(global const int *corners, global const float *projected, intl index, floatl x, floatl y)
 {
     OnTriangle p;
@@ -229,7 +229,7 @@ INLINED OnTriangle on_triangle(global const int *corners, global const float *pr
     return p;
 }
 
-/* Interpolates the corners' values by their weights; `rows` holds 16 floats a vertex */
+/* Weighted means of the corners' values; rows: (vertices, 16) */
 INLINED void corner_means(global const float *rows, const OnTriangle *p, floatl *means)
 {
 #if LANES == 16

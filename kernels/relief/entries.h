@@ -1,6 +1,6 @@
 #ifndef RELIEF_ENTRIES_H
 #define RELIEF_ENTRIES_H
-/* Entries of a region's pixels into a relief, for the layer being searched, and the hits of that layer. */
+/* Entries of a region's rays into a relief, for the layer that is being searched, and the hits of this layer. */
 #define KEEPS_UV 1
 #include "raster/fragment.h"
 #include "relief/entry.h"
@@ -9,22 +9,22 @@
 #define DEPTH_ALONE 0 /* 1: no colours are needed, as in a light's map */
 #endif
 #ifndef WITHIN
-#define WITHIN 0 /* 1: the eye is below the mesh, and its rays walk from there */
+#define WITHIN 0 /* 1: the eye is below the mesh, and rays walk from the eye */
 #endif
 
-/* A region's pixels: the entries of the layer being searched, and how the pixel's hit was found */
+/* For each pixel of a region: the entries of the layer that is being searched, and how the pixel's hit was found */
 typedef struct {
     floatl first[BLOCKS], second[BLOCKS]; /* nearness of the two nearest entries that have not been searched yet */
     intl entered[BLOCKS];                 /* triangle of the first of these entries, -1: none */
     floatl searched[BLOCKS];              /* nearness of the entry that was searched last */
     intl searched_triangle[BLOCKS];       /* its triangle */
     floatl t[BLOCKS];                     /* distance from the entry to the hit, in scene units */
-    floatl share[BLOCKS];                 /* fraction of the quadric's curvature that led to the hit, 0 to 1 */
+    floatl share[BLOCKS];                 /* as in EntryRay (layers.h), for the hit */
     intl escaped[BLOCKS];                 /* the ray from the first entry came out of its quadric without a hit */
     floatl exit[BLOCKS];                  /* nearness of the back through which the ray leaves the mesh; EMPTY: none */
     intl exit_triangle[BLOCKS];
 #if WALKS
-    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* corners' weights at the point above a walk's hit */
+    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* second and third corner's weights at the point above the hit */
 #endif
 } Layers;
 
@@ -36,7 +36,7 @@ typedef struct {
     global int *counters;
 #if WITHIN
     int eye_triangle; /* the triangle above the eye */
-    float eye_depth;  /* the eye's depth below it, 1 at the bottom */
+    float eye_depth;  /* the eye's depth below this triangle, 1 at the bottom */
 #endif
 } Context;
 
@@ -48,8 +48,8 @@ static intl set_up(const Context *context, intl index, int x, int y, Primitives 
                             context->culled, x, y, t);
 }
 
-/* Finds the exits of escaped rays, the nearest backs behind their entries; for a light's map, the backs in front of any
- * entry. */
+/* Keeps exits: for an escaped ray, the nearest back behind its entry; in a light's map, the nearest back that lies in
+ * front of every entry. */
 void cover_back(Layers *layers, const Primitives *t, int lane, int block, int first_x, int first_y)
 {
     floatl n;
@@ -97,8 +97,8 @@ void count_steps(const Context *context, const Region *region, int block, const 
 }
 #endif
 
-/* Keeps the hits of a search that are nearer than the region's pixels. triangle: the triangles above the hits; from:
- * the points at t = 0. Returns which hits are kept. */
+/* Keeps the hits of a search that are nearer than the points which the region's pixels show so far. triangle: triangles
+ * above the hits; from: the rays' points at t = 0. Returns which hits are kept. */
 INLINED intl keep_hits(const Context *context, int block, const Search *s, Vector from, Vector direction, intl triangle,
                        Region *region)
 {
@@ -112,8 +112,8 @@ INLINED intl keep_hits(const Context *context, int block, const Search *s, Vecto
     return nearer;
 }
 
-/* Ends the search from the first entries of a block. Returns the pixels with a further entry nearer than the point that
- * they show. */
+/* Ends the search from a block's entries. Returns which pixels have a further entry that is nearer than the point they
+ * show. */
 INLINED intl end_layer(Layers *layers, const Region *region, int block)
 {
     const intl entered = layers->entered[block];

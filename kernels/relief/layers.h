@@ -2,23 +2,24 @@
 #define RELIEF_LAYERS_H
 /* Layers of a relief: the fragment program that finds the relief in a region's pixels (Oliveira & Policarpo 2005).
  *
- * A pixel's ray may enter the relief, come out again at a silhouette and enter elsewhere. So the rays are searched
- * layer by layer: from the nearest entry that has not been searched yet, as long as an entry lies nearer than the hits
- * so far. All lanes of a block search together, even if their rays enter through different triangles.
+ * A pixel's ray may enter the relief, come out again at a silhouette and enter elsewhere. So a ray is searched in
+ * layers, one for each entry, from the nearest entry on, as long as the next entry is nearer than the ray's hit. All
+ * lanes of a block search together, even if their rays enter through different triangles.
  *
- * With exact distances rays walk below the mesh (walk.h). With other distances, a ray that comes out of its quadric
- * without a hit has escaped. It is searched once more, up to the back face where it leaves the mesh (follow_mesh). In a
- * light's map, the bottom of the relief stops rays that meet a back before any front (stop_from_below).
+ * With exact distances rays walk below the mesh (walk.h). With other distances, a ray that comes out of the relief
+ * without a hit, above the quadric of its entry, has escaped. It is searched once more, up to the back face where it
+ * leaves the mesh (follow_mesh). In a light's map, the bottom of the relief stops rays that meet a back before any
+ * front (stop_from_below).
  */
 #include "relief/entries.h"
 #include "relief/walks.h"
 
-#define ARC_PARTS 16 /* equal parts of a ray below the mesh; the ray's deepest point is sought at their ends */
-#define BOTTOM_TOLERANCE 1e-3f /* fraction of the depth by which a ray that grazes the bottom may miss it */
+#define ARC_PARTS 16 /* a ray below the mesh is divided into so many equal parts; it is deepest at the end of a part */
+#define BOTTOM_TOLERANCE 1e-3f /* fraction by which estimated depths grow, so that rays reach the bottom */
 
-/* A ray is below the mesh until it leaves through a back, `distance` after its entry, where its depth falls by `slope`
- * per scene unit. In between, its depth is estimated by the cubic with the depths and slopes of both ends. Finds where
- * the cubic first reaches the bottom, or else is deepest: sets t, and returns the depth there. */
+/* A ray is below the mesh from its entry, where its depth grows by `first_slope` per scene unit, to a back `distance`
+ * scene units behind, where its depth falls by `slope`. Its depth is estimated by the cubic with these slopes and depth
+ * 0 at both ends. Finds where the cubic first reaches the bottom, or else is deepest: sets t, and returns the depth. */
 INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope, floatl *t)
 {
     floatl depth = 0.0f, before = 0.0f;
@@ -35,10 +36,10 @@ INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope
     return depth;
 }
 
-/* Changes the depths of escaped rays that leave the mesh `distance` after their entry, if the cubic reaches deeper than
- * their quadrics. The new depth is a parabola to the point where the cubic is at the bottom, or deepest. It begins with
- * the ray's own slope, or a lower slope. Returns the changed rays; share: fraction of the quadric's curvature that
- * remains */
+/* Changes the depths of those escaped rays, which leave the mesh `distance` after their entry, for which the cubic of
+ * deepest_between is deeper than their depth from the quadric. The new depth is a parabola through the point where the
+ * cubic is at the bottom, or deepest. It begins with the ray's slope, or a lower slope. Returns which rays are changed;
+ * share: set to the fraction of the quadric's curvature that remains */
 intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector direction, floatl distance,
                  intl escaped, floatl *share)
 {
@@ -55,14 +56,14 @@ intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector 
     return follows;
 }
 
-/* The rays of a block's pixels in the world, from their entries into the relief */
+/* The rays of a block's pixels (world), from their entries into the relief */
 typedef struct {
     Vector from, direction;
     floatl share; /* fraction of the quadric's curvature that the rays' depth follows, 0 to 1 */
 } EntryRay;
 
-/* Sets up a search along the rays of a block's pixels from their first entries; by_mesh: along escaped rays up to their
- * exits, with depths estimated from the mesh. */
+/* Sets up a search along the rays of a block's pixels, from the nearest entries not yet searched. by_mesh: only along
+ * escaped rays, up to their exits, with depths from follow_mesh */
 static EntryRay begin_search(const Context *context, const Region *region, int block, int by_mesh, Search *s)
 {
     const Relief *relief = &context->relief;
@@ -96,8 +97,8 @@ static EntryRay begin_search(const Context *context, const Region *region, int b
     return entry_ray;
 }
 
-/* Searches along the rays of INTERLEAVED blocks; by_mesh: as in begin_search. Returns whether there are further
- * entries. */
+/* Searches along the rays of INTERLEAVED blocks, from `block` on; by_mesh: as in begin_search. Returns whether there
+ * are further entries to search. */
 OUTLINED int search_blocks(const Context *context, int block, int by_mesh, Region *region)
 {
     Search searches[INTERLEAVED];
@@ -137,8 +138,8 @@ OUTLINED void find_exits(const Context *context, Region *region, BinList listed)
 }
 
 #if DEPTH_ALONE
-/* A light's rays that meet a back before any front come from below the mesh: from behind a wall, or out of an open
- * tube. The bottom of the relief stops them there, before they reach the relief's surface. */
+/* A light's ray that meets a back before any front comes from below the mesh: from behind a wall, or out of an open
+ * tube. The bottom of the relief stops the ray before it reaches the relief's surface. */
 void stop_from_below(const Context *context, Region *region, BinList listed)
 {
     const Relief *relief = &context->relief;
@@ -168,9 +169,9 @@ void stop_from_below(const Context *context, Region *region, BinList listed)
 }
 #endif
 
-/* Searches a layer: from the first entries below their quadrics, and then along escaped rays with the mesh. A light's
- * map leaves out the second search: a hit estimated too near would shade lit points. Returns whether there are further
- * entries. */
+/* Searches a layer: first with depths from the quadrics of the entries, then, along escaped rays, with depths from
+ * follow_mesh. In a light's map the second search is left out: a hit that is estimated too near the light would shade
+ * lit points. Returns whether there are further entries to search. */
 static int search_layer(const Context *context, Region *region, BinList listed)
 {
     Layers *layers = context->layers;
@@ -207,7 +208,7 @@ static int search_layer(const Context *context, Region *region, BinList listed)
     return more;
 }
 
-/* The vertices' values at the entry of a pixel's ray; for the hit of a walk, on the mesh above the hit */
+/* The interpolated vertices' values at the entry of a pixel's ray; if the ray walked, on the mesh above its hit */
 INLINED Entry entry_of_hit(const Relief *relief, const Layers *layers, int block, intl triangle, floatl x, floatl y)
 {
     OnTriangle at = on_triangle(relief->faces, relief->projected, triangle, x, y);

@@ -2,21 +2,22 @@
  *
  * A pixel's ray enters the relief at the mesh. There the vertices' frames and quadrics are interpolated, and the ray is
  * followed in texture space (search.h) until it meets the relief, or comes out again at a silhouette. It may then
- * enter elsewhere (layers.h).
+ * enter the relief elsewhere (layers.h).
  *
- * An eye below the mesh, within the relief, has no entries around it. Then, with WITHIN, rays walk from the eye, which
- * is below `eye_triangle`, to where they leave the mesh.
+ * If the eye is below the mesh, within the relief, rays from it have no entry. Then, with WITHIN, rays walk from the
+ * eye, which is below `eye_triangle`, to where they leave the mesh.
  *
- * Deviations from the paper: safe steps (search.h); a ray that comes out of its quadric before it leaves the mesh is
- * searched once more, with depths estimated from the mesh (layers.h); the tile sizes are gradients of u and v, which
- * are also valid where u and v are not at right angles; the normal follows the quadric; the second search for shadows,
- * which the paper replaces by the light's map on curved surfaces, uses the quadric of the point's own entry.
+ * Deviations from the paper: safe steps (search.h). A ray that comes out of the relief above its quadric, but has not
+ * left the mesh, is searched once more, with depths estimated from the mesh (layers.h). Gradients of u and v replace
+ * tile sizes, as they are also valid where u and v are not at right angles. The normal follows the quadric. On curved
+ * surfaces, the paper replaces the second search for shadows by the light's map; here it uses the quadric of the
+ * point's entry.
  *
  * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, with fronts, and with backs if quadrics are
  * curved. texels, bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3) with
  * its mipmaps, if normal_width > 0. Both maps are read by lib/footprint.h. hidden_by, flat_base: shadows.h. counters:
- * (height, width, 2) searches and their steps, with COUNTERS. uvs: (height, width, 2) u and v in 0 to 1 of the visible
- * relief, with UV_WRITTEN; the host fills them with NaN, because bins without triangles write nothing. Work-item: a
+ * (height, width, 2) searches and their steps, with COUNTERS. uvs, with UV_WRITTEN: (height, width, 2) u and v of the
+ * visible relief, 0 to 1; the host fills it with NaN, because bins without triangles write nothing. Work-item: a
  * region (raster/region.h). Cost: O(list + pixels * layers * steps). Determinism: list order.
  */
 #include "relief/layers.h"
@@ -24,11 +25,11 @@
 #include "relief/shadows.h"
 
 #ifndef UV_WRITTEN
-#define UV_WRITTEN 0 /* 1: the place on the map that each pixel sees is written, too */
+#define UV_WRITTEN 0 /* 1: the place on the map that each pixel shows is written, too */
 #endif
 
 #if UV_WRITTEN
-/* Writes the places on the map that a block's pixels see. */
+/* Writes the places on the map that a block's pixels show; NaN for other pixels. */
 void write_uv(const Region *region, int block, Screen screen, global float *uvs)
 {
     for (int lane = 0; lane < LANES; lane++) {
@@ -115,7 +116,7 @@ kernel void draw_relief(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *f
             add_footprint(colors, u, v, f, level_of_texels(f.texels_2, color_levels), color_width, color_height,
                           1.0f / 255.0f, &shade);
 #if LIT
-            /* Shadows use the surface's own normal, not the normal map. */
+            /* Shadows use the normal from the heights, not from the normal map. */
             const Vector own = relief_normal_by_slope(&relief, &e, &shading);
             Vector normal = own;
             if (normal_width > 0) {

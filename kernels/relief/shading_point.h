@@ -5,9 +5,9 @@
 #include "lib/light.h"
 #include "relief/entry.h"
 
-#define FOCUS 0.1f /* least factor of lengths below the base, near centres of curvature */
+#define FOCUS 0.1f /* least divisor: near centres of curvature, divisors approach 0 */
 
-/* The points of the relief in LANES pixels: their places on the maps, and the rays */
+/* The points of the relief that LANES pixels show: their places on the maps, positions and normals */
 typedef struct {
     ReliefRay place; /* u, v, level */
     Track track;
@@ -17,8 +17,9 @@ typedef struct {
     floatl below;      /* depth below the base, in scene units */
 } ShadingPoint;
 
-/* Carries a tangent vector of the base, (x, y) in its frame, to the parallel surface `below` the base. Where the base
- * has curvature k, lengths there are 1 + k `below` times as long, and the vector is as much shorter. */
+/* Converts a gradient on the base, (x, y) in its frame, to the parallel surface at the depth `below`. Where the base
+ * has curvature k, lengths on that surface are 1 + k `below` times as long, so the gradient is divided by this
+ * factor. */
 INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
 {
     const floatl xx = 1.0f + 2.0f * e->a * below, xy = e->c * below, yy = 1.0f + 2.0f * e->b * below;
@@ -28,7 +29,7 @@ INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
     *x = carried_x;
 }
 
-/* Sets the normal to the quadric's normal at the foot of the point. */
+/* Sets the normal to the quadric's normal right above the point. */
 INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 {
     Vector x, y;
@@ -43,8 +44,8 @@ INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
     shading->normal = normalized(minus(e->normal, combined(along_x, x, along_y, y)));
 }
 
-/* The shading point's normal, tilted by the rise of the heights over a texel along u and along v, in HEIGHT_UNITs.
- * Lengths are measured on the surface through the point that is parallel to the base. Not of unit length. */
+/* The shading point's normal, tilted by the rises of the heights over a texel along u and along v, in HEIGHT_UNITs.
+ * Slopes are measured on the surface through the point that is parallel to the base. The result has no unit length. */
 INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *e, floatl across, floatl down,
                                       float scale, int quadric)
 {
@@ -58,7 +59,7 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
         tangents_of(e, &x, &y);
         floatl sx = DOT(slope, x), sy = DOT(slope, y);
         carry_below(e, shading->below, &sx, &sy);
-        /* The slope is rotated as the normal is from the entry to the point. */
+        /* The slope is rotated like the normal, from its direction at the entry to its direction at the point. */
         const Vector there = combined(sx, x, sy, y);
         const floatl part = DOT(there, normal) / max_lanes(1.0f + DOT(normal, e->normal), (floatl)FOCUS);
         slope.x = there.x - part * (normal.x + e->normal.x);
@@ -68,7 +69,7 @@ INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *
     return minus(normal, slope);
 }
 
-/* The shading point at (px, py) in the picture, where the ray has come t beyond its entry to (u, v) */
+/* The shading point of the pixel (px, py): its ray, t scene units behind the entry, is at nearness n and at (u, v) */
 INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floatl px, floatl py, floatl n, floatl u,
                                       floatl v, floatl t, intl mine)
 {
@@ -88,7 +89,7 @@ INLINED ShadingPoint shading_point_at(const Relief *relief, const Entry *e, floa
 }
 
 #if ANISOTROPIC
-/* The rises of the bilinear heights per texel along u and v at (x, y) */
+/* The slopes of the bilinear heights at (x, y), per texel along u and along v */
 INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl y, floatl *across, floatl *down)
 {
     FLOOR(x, x0, ix)
@@ -101,7 +102,7 @@ INLINED void rises_at(global const uint *texels, HeightMap map, floatl x, floatl
     *down = p.ba - p.aa + (x - x0) * twist;
 }
 
-/* The change of u and v over a pixel, on the tangent plane of the relief that the pixel sees */
+/* The change of u and v from a pixel to the next, on the tangent plane of the relief that the pixel shows */
 INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const ShadingPoint *shading, floatl n,
                                 int anisotropy)
 {
@@ -113,7 +114,7 @@ INLINED UvSteps relief_uv_steps(const Relief *relief, const Entry *e, const Shad
 #endif
 
 #if LIT
-/* A point's normal, tilted by the slopes of the heights over two texels of the level */
+/* A point's normal, tilted by the slopes of the heights, which are measured over two texels of the level */
 INLINED Vector relief_normal_by_slope(const Relief *relief, const Entry *e, const ShadingPoint *shading)
 {
     global const uint *texels = relief->texels;

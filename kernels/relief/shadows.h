@@ -1,25 +1,25 @@
 #ifndef RELIEF_SHADOWS_H
 #define RELIEF_SHADOWS_H
-/* Shadows on a relief. A second search, from the point towards the light, finds occlusion by the relief around the
+/* Shadows on a relief. A second search, between the point and the light, finds occlusion by the relief around the
  * point (Oliveira & Policarpo 2005, figure 4); the light's maps hold all other occluders. */
 #include "relief/shading_point.h"
 
-/* How occlusion is found: by the light's map, or by a second search and the map beyond */
-#define MAPPED 0
-#define SEARCHED 1
-#define LIFT 1e-3f /* fraction of the relief's depth by which a search starts above the surface, to avoid a hit there */
+/* Values of hidden_by */
+#define MAPPED 0   /* the light's map decides; in its shadows on a base that is not flat, the search decides */
+#define SEARCHED 1 /* the second search decides, and where the light's ray leaves the relief, the map */
+#define LIFT 1e-3f /* fraction of the relief's depth by which the point is raised, so that the search does not hit it */
 
 #if SHADOWED
 /* The ray from a point of the relief to the light, within the relief around the point */
 typedef struct {
     ReliefRay ray;       /* the light's ray in reverse, from its exit down to the point */
     Vector exit, normal; /* exit from the relief, and the base's normal there */
-    intl is_valid, leaves; /* whether it may be searched, and whether it leaves the relief */
+    intl is_valid, leaves; /* whether the ray can be searched, and whether it leaves the relief */
     floatl distance;   /* from the point to the exit, in scene units */
 } LightRay;
 
-/* Depths use equation 7, below the quadric of the point's own entry. So the point lies exactly on the relief, or nearly
- * so after follow_mesh, and the light's ray leaves the relief where its depth below that quadric is 0. */
+/* Depths use equation 7, below the quadric at the entry of the pixel's ray. So the point lies exactly on the relief, or
+ * nearly so after follow_mesh, and the light's ray leaves the relief where its depth below this quadric is 0. */
 LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector light)
 {
     LightRay made;
@@ -34,7 +34,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     const floatl height = HEIGHT_UNIT *
                           height_in(relief->texels, shading->track.map, shading->track.x, shading->track.y);
     const floatl depth = max_lanes(1.0f - height - LIFT, (floatl)0.0f);
-    /* Along the ray, the depth is depth + slope s + K s^2. */
+    /* At the distance s from the point towards the light, the depth is depth + slope s + K s^2. */
     const floatl slope = (2.0f * bends * quadric_form(e, px, py, lx, ly) - lz) * per_scale;
     const floatl K = bends * quadric_form(e, lx, ly, lx, ly) * per_scale;
     const floatl discriminant = slope * slope - 4.0f * K * depth,
@@ -68,7 +68,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     return made;
 }
 
-/* Tells whether the relief around the point occludes the light, with the paper's second search (figure 4). */
+/* Returns whether the relief around the point occludes the light, by the paper's second search (figure 4). */
 intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 {
     Search search, *s = &search;
@@ -76,7 +76,7 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
     mask_inactive(&s->ray, light->is_valid & wanted);
     set_end(&s->ray);
     s->track = track_of(&s->ray, relief->levels);
-    /* The search ends before the point, by more than its own error. */
+    /* The search ends before the point, at a distance that is greater than the search's error. */
     const floatl per_texel = 1.0f / max_lanes(max_lanes(fabs(s->track.dx), fabs(s->track.dy)), (floatl)1e-20f);
     const floatl end = light->distance - 2.0f * NUDGE * per_texel;
     s->ray.at_bottom = s->ray.at_bottom & (s->ray.end < end);
@@ -90,15 +90,15 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
     return s->searches & s->found;
 }
 
-/* The visibility of the light from a point of the relief, 0 to 1. own: the surface's normal there; faces: lanes that
+/* The visibility of the light from a point of the relief, 0 to 1. own: the relief's normal there; faces: lanes that
  * face the light; hidden_by: MAPPED or SEARCHED; flat_base: 1 if all rays find the relief in the same place.
  *
- * The light's map is drawn with the light's own rays, with the normals and quadrics at their entries. Where the base is
+ * The light's map is drawn with the light's rays, below the normals and quadrics at their entries. Where the base is
  * curved, or has facets, these rays hit the relief at other places than the picture's rays, and the relief would shade
  * itself. The same would happen below an edge that juts out, where the light's rays enter on one side of the edge and
- * the picture's rays on the other. So a search from the point decides whether the relief around it occludes the light,
- * and the map decides for the place where the ray leaves the relief. The map alone decides for a ray that never leaves
- * the relief below the quadric, as along a saddle. */
+ * the picture's rays on the other. So the second search decides whether the relief around the point occludes the light,
+ * and the map decides at the place where the light's ray leaves the relief. For a ray that never leaves the relief
+ * below the quadric, as along a saddle, the map alone decides. */
 INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light,
                         intl faces, int hidden_by, int flat_base SHADOW_PARAMETERS)
 {

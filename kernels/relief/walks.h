@@ -1,12 +1,12 @@
 #ifndef RELIEF_WALKS_H
 #define RELIEF_WALKS_H
-/* Walks of a region's pixels: from their entries, or from an eye within the relief. */
+/* Walks (walk.h) of the rays of a region's pixels: from their entries, or from an eye within the relief. */
 #include "relief/entries.h"
 
 #if WALKS
 #include "relief/walk.h"
 
-#define LEAST_SLOPE 1e-4f /* least slope of the eye's rays to the section (walk.h) that contains the eye */
+#define LEAST_SLOPE 1e-4f /* least slope of a ray from the eye against the section (walk.h) that contains the eye */
 
 INLINED void begin_walk(MeshWalk *walk, intl active, intl triangle, floatl depth)
 {
@@ -19,7 +19,7 @@ INLINED void begin_walk(MeshWalk *walk, intl active, intl triangle, floatl depth
     walk->tier = FIRST_TIER;
 }
 
-/* Follows the rays of INTERLEAVED blocks, leg by leg, and keeps their hits. */
+/* Follows the rays of INTERLEAVED blocks, from `block` on, leg by leg, and keeps their hits. */
 static void walk_blocks(const Context *context, int block, MeshWalk *walks, Region *region)
 {
     const Relief *relief = &context->relief;
@@ -64,7 +64,8 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
     }
 }
 
-/* Walks from the first entries of INTERLEAVED blocks. Returns whether there are further entries. */
+/* Walks from the nearest entries of INTERLEAVED blocks that were not searched yet. Returns whether there are further
+ * entries to search. */
 static int walk_layer(const Context *context, int block, Region *region)
 {
     const Screen screen = context->relief.screen;
@@ -87,8 +88,8 @@ static int walk_layer(const Context *context, int block, Region *region)
 }
 
 #if WITHIN
-/* Walks from the eye. A ray within the section that contains the eye would never cross another section, so it is turned
- * by much less than a pixel. */
+/* Walks from the eye. A ray that runs in the section that contains the eye would never cross another section, so such
+ * rays are turned by at most twice LEAST_SLOPE. */
 static void walk_from_eye(const Context *context, Region *region)
 {
     const Screen screen = context->relief.screen;

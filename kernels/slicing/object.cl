@@ -28,13 +28,13 @@
 kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
             global const float *maps, global const float *reaches, global const uint *colors, global const int *order,
             global const float *closeness,
-            int view_count, Box box, int slices_axis, int halvings /* bisections from a hit towards the slice in front */,
+            int view_count, Box box, int slices_axis, int halvings /* bisections in front of a hit */,
             int finds_thin /* 1: also searches for parts thinner than the slice spacing */,
             int visible /* 1: colours come from views that see the points, if there are any */,
             int unknown /* 1: a point that projects outside a view's image passes its test */,
             float outline /* where views' surfaces end: surface_at() */,
             float sample /* scene units between the coarsest view's samples in the middle of the box */,
-            float stride /* depth of the first step from a hit forward to a view's surface (view_colors.h) */,
+            float stride /* change of depth in the first step from a hit forward to a view's surface */,
             int low_x, int low_y COUNTERS_PARAMETER(int)
 #if RIBBONS
                            ,
