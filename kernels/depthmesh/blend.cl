@@ -258,7 +258,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             if (!blank && !any_lane(mine))
                 continue;
             MeshBlend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-            intl taken = (intl)0, views = (intl)0; /* the nearest mesh is found; views that gave colour, by bit */
+            intl taken = (intl)0, views = (intl)0; /* a mesh gave colour; the views that did, a bit for each */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;

@@ -23,7 +23,7 @@
 #include "lib/color.h"
 #include "lib/taps.h"
 
-#define MARCH_STEPS 128   /* points along a ray */
+#define MARCH_STEPS 128   /* most points that a march looks up along a ray */
 #define SAMPLE_REACH 0.25f /* steps: a point is at a sample if its depth and the sample's differ by no more */
 #define BEFORE_1 (1.0f - 1e-6f) /* times the last sample's coordinate: a place just inside the last cell */
 #define HALVINGS 7 /* bisections of a step: where a ray leaves free space is known to 1/128 of a step */
@@ -101,8 +101,8 @@ INLINED void bisect_to_free(const FreeSpace *space, global const float *depths, 
     }
 }
 
-/* Returns which `active` rays left free space in front of `depth`, by at least a step. Sets `entry` to the depth at
- * which they left it. */
+/* Returns which `active` rays left free space at least a step in front of `depth`. Sets `entry` to the depth at which
+ * they left free space. */
 INLINED intl has_entered(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *entry)
 {
     floatl inside = depth, outside = depth;

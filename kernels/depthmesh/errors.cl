@@ -12,11 +12,11 @@
  * mesh keeps its depth edges.
  *
  * nearness, placed: (height, pitch), samples.cl; nearness is denoised (smooth.cl). For each vertex, (side + 1, row):
- * states, states.cl; errors: scene units, -1 where nothing is drawn; radii: of the bounding spheres, which contain the
- * drawn triangles, scene units; depths: of their centres, or a child's depth if the centre has no sample. Work-item:
- * `find_finest_midpoints`, `find_finest_centers`: a row of midpoints, or centres, of step 1; the first also initialises
- * vertices without cells. `find_errors`: a row of a coarser step. `find_coarse_errors`: all rows of all coarser steps.
- * Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ * states, states.cl; errors: scene units, -1 where nothing is drawn; radii: the bounding spheres' radii, scene units;
+ * depths: the depths of their centres, or a child's depth if the centre has no sample. The spheres contain the drawn
+ * triangles. Work-item: `find_finest_midpoints`, `find_finest_centers`: a row of midpoints, or centres, of step 1; the
+ * first also initialises vertices without cells. `find_errors`: a row of a coarser step. `find_coarse_errors`: all rows
+ * of all coarser steps. Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
 

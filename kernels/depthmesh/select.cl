@@ -9,7 +9,7 @@
  *
  * Deviations from the paper: the distance is measured to the sphere, not to the vertex, as the independent tests
  * require. For a viewer that will move, more may be selected, with a finer tolerance and a wider view; `motion_limits`
- * tell how far the viewer may move until the selection no longer suffices.
+ * bound the motion for which the selection suffices.
  *
  * placed: samples.cl. For each vertex, (side + 1, row): errors, radii, depths: errors.cl; active: tree.h; drawn: bit k
  * is set if the k-th triangle with its right angle at the vertex is drawn; numbers: the point's index in `points`.

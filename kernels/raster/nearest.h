@@ -1,7 +1,7 @@
 #ifndef RASTER_NEAREST_H
 #define RASTER_NEAREST_H
-/* Fragment program of opaque triangles (fragment.h): each pixel keeps the nearest triangle; of equally near triangles,
- * the first. */
+/* Fragment program of opaque triangles (fragment.h): each pixel keeps the nearest triangle, or the first of
+ * several that are equally near. */
 #include "raster/fragment.h"
 #include "raster/triangle.h"
 

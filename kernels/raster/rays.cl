@@ -6,8 +6,8 @@
  *
  * faces: (triangles, 3) vertex indices. projected, list, starts: bins.cl. places: (2, rays) each ray's column and row
  * in the picture for which the bins were made; NaN: the ray's entry in `met` is kept. sense: 1 for the nearest
- * triangle, -1 for the farthest; of equally distant triangles, the first. met: (rays,) triangle, -1: none. Work-item: a
- * ray. Cost: O(list). Determinism: list order.
+ * triangle, -1 for the farthest; the first of equally distant ones counts. met: (rays,) triangle, -1: none. Work-item:
+ * a ray. Cost: O(list). Determinism: list order.
  */
 #include "raster/fragment.h"
 

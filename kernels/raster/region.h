@@ -43,7 +43,7 @@ typedef struct {
 #define PICTURE_VALUE {screen, depth, color, valid, blank}
 
 typedef struct {
-    floatl nearness[BLOCKS]; /* of the visible point of each pixel, EMPTY: none */
+    floatl nearness[BLOCKS]; /* each pixel's visible point has this nearness; EMPTY: no point */
     intl owner[BLOCKS];      /* visible primitive; -1: none that this kernel drew */
     float farthest[BLOCKS];  /* least nearness in the block */
 #if KEEPS_UV

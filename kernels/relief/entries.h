@@ -19,7 +19,7 @@ typedef struct {
     floatl searched[BLOCKS];              /* nearness of the entry that was searched last */
     intl searched_triangle[BLOCKS];       /* its triangle */
     floatl t[BLOCKS];                     /* distance from the entry to the hit, in scene units */
-    floatl share[BLOCKS];                 /* as in EntryRay (layers.h), for the hit */
+    floatl share[BLOCKS];                 /* fraction of the quadric's curvature in the depths that led to the hit */
     intl escaped[BLOCKS];                 /* the ray from the first entry came out of its quadric without a hit */
     floatl exit[BLOCKS];                  /* nearness of the back through which the ray leaves the mesh; EMPTY: none */
     intl exit_triangle[BLOCKS];

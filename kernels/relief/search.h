@@ -136,7 +136,7 @@ INLINED void linear_search(Search *searches, int count, global const uint *texel
         const intl meets = isfinite_lanes(after[k]);
         s->found = s->active & (meets | s->ray.at_bottom);
         after[k] = select_lanes(meets, after[k], s->ray.end);
-        before[k] = select_lanes(meets, after[k] - step[k], after[k]); /* other lanes stay */
+        before[k] = select_lanes(meets, after[k] - step[k], after[k]); /* lanes without a hit are not bisected */
         any_meets[k] = any_lane(meets);
     }
     for (int i = 0; i < halvings; i++)

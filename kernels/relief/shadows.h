@@ -60,7 +60,7 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     ray->K = K;
     ray->level = shading->place.level;
 #if DISTANCE == PERPENDICULAR
-    ray->vz = (floatl)0.0f; /* without curvature, the depth follows equation 7 */
+    ray->vz = (floatl)0.0f; /* with vz = 0 and bend = 0, equation 6 is equation 7 */
     ray->bend = (floatl)0.0f;
     ray->scale = scale;
 #endif

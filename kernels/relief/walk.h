@@ -174,8 +174,7 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Sets `side` to the sides through which rays leave their prisms. Returns by what amount their depths change until
- * then. */
+/* Sets `side` to the sides through which rays leave their prisms. Returns the amount by which depths change before. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
     const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to its end */

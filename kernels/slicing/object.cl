@@ -65,7 +65,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     floatl hit = 0.0f;
     intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
-    found = found & (nearness > so_far); /* of equally near objects, the first stays visible */
+    found = found & (nearness > so_far); /* the first of several equally near objects stays visible */
     region.nearness[0] = select_lanes(found, nearness, so_far);
     region.owner[0] = select_lanes(found, (intl)0, (intl)-1);
     Color shade = {0.0f, 0.0f, 0.0f}, normal = shade;

@@ -40,7 +40,7 @@ typedef struct {
     Screen screen;
     float nearest_w, spacing;
     float pixel; /* width of a pixel at depth 1, in scene units; 0: the number of slices is fixed */
-    float band;  /* of BAND, as a fraction of the displacement; 0: one slice spacing */
+    float band;  /* the test BAND's range of heights, as a fraction of the displacement; 0: one slice spacing */
     int slices, slicing, test, halvings, map_width, map_height;
     global int *counters;
 } Context;

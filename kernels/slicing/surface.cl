@@ -257,7 +257,7 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (context->slicing != SURFACE)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & !hit.found & (rays.rise.sloped < 0.0f) & reaches_end, 0);
-    /* Rays that leave through a side are tested there, as slices of the next prism, if any, only lie beyond the side.
+    /* A ray that leaves through a side is tested at this side, because the slices of the next prism all lie behind it.
      * The bounding planes are a little outside the prism, where heights are extrapolated. */
     const intl in_prism = hit.found;
     if (t->halvings > 0 || t->ends) {

@@ -140,7 +140,7 @@ typedef struct {
 } Views;
 
 #if RIBBONS
-/* The greatest nearness at a view's place (x, y): of `value` and of the ribbons there */
+/* The greatest of `value` and the nearness of a view's ribbons at the place (x, y) */
 INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x, floatl y, intl active, floatl value)
 {
     const floatl column = clamp_lanes(floor_lanes(x + 0.5f), (floatl)0.0f, (floatl)(size[0] - 1));
