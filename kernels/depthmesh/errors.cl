@@ -32,7 +32,7 @@ typedef struct {
     global const float *nearness, *placed;
     global const uchar *states;
     global float *errors, *radii, *depths;
-    int largest; /* 1: the larger of a vertex's own error and its children's counts, as in the paper; 0: their sum */
+    int largest; /* 1: a vertex's error is the larger of its own and its children's, as in the paper; 0: their sum */
 } Tree;
 
 typedef struct {

@@ -35,8 +35,8 @@ int lower_bound(BinList listed, int number)
     return first;
 }
 
-/* Draws the meshes `first` to `last` - 1 of a bin's list together into the region at (x, y), where they are nearer than
- * `so_far`. */
+/* Draws the meshes `first` to `last` - 1 of a bin's list into the region at (x, y), where they are nearer than
+ * `so_far`; the nearest mesh stays. */
 INLINED void draw_range(const Context *context, Region *region, BinList listed, global const int *firsts, int first,
                         int last, int x, int y, const floatl *so_far)
 {
@@ -88,7 +88,7 @@ INLINED void draw_layers(const Context *context, Region *region, const MeshLayer
 }
 
 /* The depth pass for the region at (x, y). Returns whether the meshes of the drawn views leave holes: only then are
- * others and sheets drawn. */
+ * the other views' meshes and the sheets drawn. */
 OUTLINED int draw_depths(const Context *context, const MeshLayers *layers, MeshCounts counts, BinList listed,
                 global const int *firsts, int x, int y, Fronts *fronts)
 {

@@ -173,7 +173,7 @@ void add_chunk(Work *work)
     work->height = 2;
 }
 
-/* Activates a vertex unless it is a corner of the tree, outside of it, or taken by another work-item. */
+/* Activates a vertex, unless it is a corner of the tree, lies outside the tree, or is taken by another work-item. */
 void activate_vertex(const Layout *layout, Work *work, int x, int y)
 {
     const int side = layout->side, at = y * layout->row + x, shift = BYTE_IN_WORD(at);

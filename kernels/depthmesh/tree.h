@@ -10,7 +10,7 @@
  * Each vertex except the four corners bisects an edge of the next coarser triangulation. The step s of a vertex is the
  * largest power of two that divides x and y. A vertex is
  *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
- *   a midpoint (either x/s or y/s is odd): it bisects an edge along x or y, from s before it to s behind it.
+ *   a midpoint (either x/s or y/s is odd): it bisects an edge of length 2s along x or y.
  * The diagonal of a block runs from its upper left to its lower right corner (`main`) if the sum of its column and
  * row is even, so the diagonals of four blocks meet in the centre of the larger block that they form. The two triangles
  * that share the bisected edge are the sides of the vertex: side A above it (left, if the edge is along y), side B
@@ -112,7 +112,7 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
     return select_lanes((x + dx >= 0) & (x + dx < layout->width - 1), byte, (intl)0);
 }
 
-/* Rounding error of a sum of depths, as a fraction of it. Collinear points may seem to be off their line by this error,
+/* Rounding error of a sum of depths, as a fraction of the sum. Points of a line may seem to be beside it by this error,
  * so smaller distances count as 0. */
 #define ROUNDING 0x1p-22f
 
@@ -122,7 +122,7 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
 #define ACTIVE 3
 #define IS_ACTIVE(mark) ((mark) == ACTIVE)
 
-/* Marks the four corners of the tree. The right angles of the coarsest triangles lie at two of them. */
+/* Marks the four corners of the tree. At two of these corners lie the right angles of the coarsest triangles. */
 void mark_corners(const Layout *layout, global uchar *active, int y)
 {
     if (y > 0 && y < layout->side)

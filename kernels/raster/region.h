@@ -85,7 +85,7 @@ float16 block_depths(Screen screen, global const float *depth, int x, int y)
 }
 #endif
 
-/* Nearness of the block at (x, y) in the picture so far; EMPTY outside the picture */
+/* Nearness that the picture shows at the block at (x, y) until now; EMPTY outside the picture */
 INLINED floatl nearness_of_block(Screen screen, global const float *depth, int x, int y)
 {
     floatl so_far = EMPTY;

@@ -14,7 +14,7 @@
 #include "relief/entries.h"
 #include "relief/walks.h"
 
-#define ARC_PARTS 16 /* a ray below the mesh is divided into so many equal parts; it is deepest at the end of a part */
+#define ARC_PARTS 16 /* equal parts of a ray below the mesh; the deepest of their ends is found */
 #define BOTTOM_TOLERANCE 1e-3f /* fraction by which estimated depths grow, so that rays reach the bottom */
 
 /* A ray is below the mesh from its entry, where its depth grows by `first_slope` per scene unit, to a back `distance`
@@ -36,10 +36,10 @@ INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope
     return depth;
 }
 
-/* Changes the depths of those escaped rays, which leave the mesh `distance` after their entry, for which the cubic of
- * deepest_between is deeper than their depth from the quadric. The new depth is a parabola through the point where the
- * cubic is at the bottom, or deepest. It begins with the ray's slope, or a lower slope. Returns which rays are changed;
- * share: set to the fraction of the quadric's curvature that remains */
+/* Changes the depths of escaped rays, which leave the mesh `distance` behind their entries, wherever the cubic of
+ * deepest_between reaches deeper than the depth below the quadric. The new depth is a parabola through the point where
+ * the cubic is at the bottom, or deepest. It begins with the ray's slope, or a lower slope. Returns which rays are
+ * changed; share: set to the fraction of the quadric's curvature that remains */
 intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector direction, floatl distance,
                  intl escaped, floatl *share)
 {

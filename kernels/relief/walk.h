@@ -194,7 +194,7 @@ INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 #define CHANGE_OF(corners, by_second, by_third)                                                                \
     ((by_second) * ((corners)[1] - (corners)[0]) + (by_third) * ((corners)[2] - (corners)[0]))
 
-/* The distance t at which depth + slope t + bend t^2 is 1, at the bottom, or if it never is, 0 */
+/* The distance t to the bottom, where depth + slope t + bend t^2 is 1; if there is none, to depth 0 */
 INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
 {
     const floatl below = 1.0f - depth, discriminant = slope * slope + 4.0f * bend * below;

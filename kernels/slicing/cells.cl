@@ -17,7 +17,7 @@
 #define NOTHING (1.0f / 64) /* lower creases are ignored */
 /* In other units: */
 #define ROUND 0.375f   /* times the bend beside a crease is subtracted from the crease: so much is roundness */
-#define FALL 1e30f     /* nearness by which a surface falls where it ends */
+#define FALL 1e30f     /* stands for the difference in nearness to a neighbour that is not solid */
 #define LINE 6         /* number of samples in line with a cell's side that are read */
 #define FIRST 2        /* index of the side's first sample in this line */
 

@@ -82,7 +82,7 @@ typedef struct {
     float first, last;          /* nearness a little behind the farthest corner, and in front of the nearest corner */
     int index, perspective, crosses; /* crosses: the near plane cuts the prism */
     int by_height;         /* 1: a slice has the same height everywhere; 0: slices are planes */
-    float count;           /* number of slices over the displacement, with by_height */
+    float count;           /* number of slices through the displacement, with by_height */
     float spacing, band;   /* distance between its slices, scene units; `band` of the test BAND, > 0 */
     float height_rounding; /* rounding error of heights, as a fraction of the displacement */
     float share_rounding;  /* rounding error of barycentric weights; at least height_rounding */

@@ -287,7 +287,7 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
 kernel void draw_surface(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *corners, global const float *points,
                          global const float *uv, global const float *frames, global const float *tilts,
                          global const int *ends, global const uint *heights, global const uint *colors,
-                         float spacing, int slices, int by_view /* 1: each prism has its own number (space_slices) */,
+                         float spacing, int slices, int by_view /* 1: space_slices chooses each prism's spacing */,
                          int halvings, int slicing, int test, float band, int map_width, int map_height,
                          int color_width, int color_height, int color_levels, float pixel_size,
                          global const float *gradients ANISOTROPY_PARAMETER

@@ -17,7 +17,7 @@
 /* Differences in depth between a view's sample and a point, in sample distances: */
 #define LEVEL_SAMPLES 0.5f  /* the sample's weight for visibility is a half */
 #define TORN_SAMPLES 4.0f   /* the sample's weight for colour is a half */
-#define HIDDEN_SAMPLES 4.0f /* a point is occluded if all samples around it lie more than this in front */
+#define HIDDEN_SAMPLES 4.0f /* a point is occluded if the four samples around lie farther in front of it */
 #define BEYOND_OUTLINE 1e6f   /* distance from a point back to a view's surface where the view has no surface */
 #define VIEWS_MIN 0.002f    /* views: if fewer see a point, its hit is refined before the point is coloured */
 #define CLOSER_HALVINGS 6   /* bisections that refine the hit, which matter where a view looks along the surface */
