@@ -93,7 +93,7 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 /* The visibility of the light from a point of the relief, 0 to 1. own: the relief's normal there; faces: lanes that
  * face the light; hidden_by: MAPPED or SEARCHED; flat_base: 1 if all rays find the relief in the same place.
  *
- * The light's map is drawn with the light's rays, below the normals and quadrics at their entries. Where the base is
+ * The light's map is drawn with the light's rays, and the normals and quadrics at their entries. Where the base is
  * curved, or has facets, these rays hit the relief at other places than the picture's rays, and the relief would shade
  * itself. The same would happen below an edge that juts out, where the light's rays enter on one side of the edge and
  * the picture's rays on the other. So the second search decides whether the relief around the point occludes the light,
