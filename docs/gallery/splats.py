@@ -1,4 +1,4 @@
-"""The splats of docs/howto/own-system.md, drawn by the page's own code for pictures.py."""
+"""Draws the splats of docs/howto/own-system.md by running the code on that page; pictures.py saves the result."""
 
 from __future__ import annotations
 

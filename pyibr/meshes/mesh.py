@@ -344,7 +344,10 @@ def _arrays_of_trimesh(mesh: Any) -> dict[str, Any]:
 
 
 def _textured(visual: Any, count: int) -> dict[str, Any]:
-    """Texture and uv of `count` vertices, whose v runs up; without a picture, the material's one colour."""
+    """Arguments of `Mesh`: the texture, and uv with v turned down (in trimesh, v runs up).
+
+    Without a picture or uv, the material's colour for each of `count` vertices, if it has one.
+    """
     material = getattr(visual, "material", None)
     picture = getattr(material, "image", None)
     if picture is None:

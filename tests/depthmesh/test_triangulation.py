@@ -157,7 +157,7 @@ def plane(size: scenes.Size, projection: str) -> ibr.DepthImage:
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_simplify_leaves_few_triangles_of_planes(projection):
     assert len(ibr.DepthMesh(plane((65, 65), projection)).simplify(1e-4).faces) == 2
-    # Sizes that are no powers of two end in ever smaller blocks. Their number grows with the border, 159 cells long.
+    # If sides in cells are no powers of two, the quadtree's blocks shrink towards the border, which has 159 cells.
     thing = ibr.DepthMesh(plane((100, 61), projection))
     assert len(thing.simplify(1e-4).faces) <= 2 * 159
     assert cells_of(thing).sum() == 2 * 99 * 60

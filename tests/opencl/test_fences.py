@@ -62,7 +62,7 @@ def test_a_byte_too_far_ends_the_process(where, of):
 @pytest.mark.parametrize("lanes", [16, 1])
 @pytest.mark.parametrize("group", GROUPS)
 def test_no_kernel_leaves_its_arrays(group, lanes):
-    """Kernels stay within their arrays, and end, with valid numbers in their structs and with poisoned numbers."""
+    """Kernels terminate and stay within their arrays, even if numbers in their structs are replaced by invalid ones."""
     done = run("-m", "tests.opencl.fences", group, str(lanes))
     last = done.stdout.splitlines()[-1:]
     assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"

@@ -115,7 +115,9 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
 
 
 def _slopes(change: Array, sign: Array, side: int) -> tuple[Array, Array]:
-    """Slopes beside pairs on one side, positive in the direction of the pair's rise: from two, and from three samples.
+    """For each pair, two slopes on one of its sides: from the two nearest samples, and from the three nearest.
+
+    A slope is positive if nearness changes there in the same direction as within the pair.
 
     The slope from three samples is the lesser of the nearest slope and the mean of two slopes, but at least 0.
     """

@@ -357,5 +357,5 @@ def test_an_orthographic_plane_that_cuts_the_surface(projection, shape, degrees)
         found = [ibr.warp(view, target, method=method, edges=edges, side="both") for method in METHODS]
         assert found[1].valid.sum() > 150
         assert off(found[0].depth, found[1].depth).mean() <= SHARE
-        if edges == "connect":  # lines are exact there
+        if edges == "connect":  # the sweep then finds the very surface that each line meets
             np.testing.assert_array_equal(found[0].valid, found[1].valid)

@@ -109,9 +109,9 @@ def _camera(file: Path, entry: _Entry, color: Path) -> Camera:
 
 
 def write_transforms(folder: Path, views: Sequence[DepthImage]) -> None:
-    """Write transforms.json and depth as PNG for views with pictures color_00.png etc., if the format can hold them.
+    """Write transforms.json, and depth as 16-bit PNG, beside the pictures color_00.png etc. in the folder.
 
-    Float colours are also written as such pictures.
+    If the format cannot describe a camera, nothing is written. Float colours have no PNG yet, and are written, too.
     """
     try:
         cameras = [nerf_frame(view.camera) for view in views]
