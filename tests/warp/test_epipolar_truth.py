@@ -276,5 +276,5 @@ def test_targets_of_one_row_or_column(target_size, source, target):
             both = frame.valid & seen.valid
             limit = truth.depth_change_one_pixel(seen, here.view, camera) if sample == "nearest" else 0
             off = np.abs(frame.depth - seen.depth) - limit
-            # All common pixels count. At a hill's crest, rounding decides whether the ray meets the hill: one may be off.
+            # At a hill's crest, rounding decides whether a ray meets the hill: one of all common pixels may be off.
             assert np.count_nonzero(off[both] > DEPTH * seen.depth[both]) <= 1, pose.name
