@@ -117,7 +117,8 @@ def _torn_along_rows(near: Array, view: DepthImage, per_pixel: float, beside: bo
 def _slopes(change: Array, sign: Array, side: int) -> tuple[Array, Array]:
     """For each pair, two slopes on one of its sides: from the two nearest samples, and from the three nearest.
 
-    A slope is positive if nearness changes there in the same direction as within the pair. The slope from three samples is the lesser of the nearest slope and the mean of two slopes, but at least 0.
+    A slope is positive if nearness changes there in the same direction as within the pair. The slope from three samples
+    is the lesser of the nearest slope and the mean of two slopes, but at least 0.
     """
     one, two = sign * _shifted(change, side), sign * _shifted(change, 2 * side)
     mean = np.where(np.isfinite(two), np.float32(0.5) * (one + two), one)
