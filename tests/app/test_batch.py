@@ -125,11 +125,7 @@ def test_inputs_and_outputs_by_url(cluster: Any, tmp_path: Path):
         ),
         ("warp {colour} -o {out}/new.png", {"color": "*.png"}, "command: expected {out} or {zarr}, and names of"),
         ("warp {color -o {out}/new.png", {"color": "*.png"}, "command: expected words with names in braces"),
-        (
-            "view {color} {out}",
-            {"color": "*.png"},
-            f"command: expected one of {', '.join(COMMANDS)}, got 'view'",
-        ),
+        ("view {color} {out}", {"color": "*.png"}, f"command: expected one of {', '.join(COMMANDS)}, got 'view'"),
         ("warp {color} -o {out}/new.png", {"color": "one.png"}, "inputs: expected a pattern with *"),
         ("warp {color} -o {out}/new.png", {"color": "none-*.png"}, "inputs: expected patterns that match files"),
     ],

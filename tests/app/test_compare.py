@@ -66,10 +66,7 @@ def test_two_pictures(pairs: Pairs):
         "iv_psnr": metrics.iv_psnr(a, b),
     }
     masked = pairs.figures("a/0.png", "b/0.png", "--mask", "mask.png", "--metrics", "psnr,ws-psnr")["mean"]
-    assert masked == {
-        "psnr": metrics.psnr(a, b, valid=pairs.mask),
-        "ws_psnr": metrics.ws_psnr(a, b, valid=pairs.mask),
-    }
+    assert masked == {"psnr": metrics.psnr(a, b, valid=pairs.mask), "ws_psnr": metrics.ws_psnr(a, b, valid=pairs.mask)}
     said = pairs.run("a/0.png", "b/0.png", "--metrics", "iv-psnr").stdout.splitlines()
     assert said[0].endswith("b/0.png: 32x24") and said[1] == f"  iv-psnr        {metrics.iv_psnr(a, b):.6g} dB"
 

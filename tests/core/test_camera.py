@@ -264,10 +264,7 @@ def test_look_at_errors(changed, argument):
         (lambda c: c.from_opencv(GOOD_K, (0, 0, 0), (0, 0), (7, 13)), "translation"),
         (lambda c: c.from_opengl(np.eye(3), GOOD_K, (7, 13)), "camera_to_world"),
         (lambda c: c.from_colmap("FISHEYE", [1], [1, 0, 0, 0], [0, 0, 0], (7, 13)), "model"),
-        (
-            lambda c: c.from_colmap("PINHOLE", [1, 2, 3], [1, 0, 0, 0], [0, 0, 0], (7, 13)),
-            "params of PINHOLE",
-        ),
+        (lambda c: c.from_colmap("PINHOLE", [1, 2, 3], [1, 0, 0, 0], [0, 0, 0], (7, 13)), "params of PINHOLE"),
         (lambda c: c.from_colmap("PINHOLE", [1, 2, 3, 4], [0, 0, 0, 0], [0, 0, 0], (7, 13)), "qvec"),
     ],
 )

@@ -35,9 +35,7 @@ COLORS: dict[str, Take] = {
     "SlicedSurface": lambda color: ibr.SlicedSurface(SQUARE, HEIGHT, color, 0.1).color,
     "ReliefSurface": lambda color: ibr.ReliefSurface(SQUARE, HEIGHT, color, 0.1).color,
 }
-DEPTHS: dict[str, Take] = {
-    "DepthImage": lambda depth: ibr.DepthImage(BYTES, depth, CAMERA).depth,
-}
+DEPTHS: dict[str, Take] = {"DepthImage": lambda depth: ibr.DepthImage(BYTES, depth, CAMERA).depth}
 HEIGHTS: dict[str, Take] = {
     "SlicedSurface": lambda height: ibr.SlicedSurface(SQUARE, height, BYTES, 0.1).height,
     "with_height": lambda height: ibr.SlicedSurface(SQUARE, HEIGHT, BYTES, 0.1).with_height(height).height,

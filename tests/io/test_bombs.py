@@ -136,11 +136,7 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
         glb(accessors=[{"componentType": 5126, "count": 10**5, "type": "VEC3"}], bufferViews=[], buffers=[]),
         ibr.Mesh.load,
     ),
-    "GLB: places": (
-        "m.glb",
-        glb(nodes=[{"mesh": 0}] * 40_000, scenes=[{"nodes": list(range(40_000))}]),
-        ibr.Mesh.load,
-    ),
+    "GLB: places": ("m.glb", glb(nodes=[{"mesh": 0}] * 40_000, scenes=[{"nodes": list(range(40_000))}]), ibr.Mesh.load),
     "GLB: a circle": ("m.glb", glb(nodes=[{"mesh": 0, "children": [0]}], scenes=[{"nodes": [0]}]), ibr.Mesh.load),
     "camera: deep": ("c.json", b"[" * 200_000, ibr.Camera.load),
     "YAML: deep brackets": ("c.yaml", b"a: " + b"[" * 200_000, ibr.Camera.load),
