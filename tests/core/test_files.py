@@ -45,8 +45,7 @@ def test_of_many_writers_one_wins_whole(tmp_path: Path):
         writer.join()
     over.set()
     reader.join()
-    assert failed == []
-    assert seen <= set(contents)
+    assert failed == [] and seen <= set(contents)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -87,8 +86,7 @@ def test_a_link_stays_and_what_it_names_is_replaced(tmp_path: Path):
     (tmp_path / "folder" / "old").write_text("old")
     for name in ("old", "new"):
         write_atomically(tmp_path / name, b"written")
-        assert (tmp_path / name).is_symlink()
-        assert (tmp_path / "folder" / name).read_bytes() == b"written"
+        assert (tmp_path / name).is_symlink() and (tmp_path / "folder" / name).read_bytes() == b"written"
     (tmp_path / "round").symlink_to("round")
     with pytest.raises(ibr.FileFormatError, match="round: cannot be written"):
         write_atomically(tmp_path / "round", b"written")
@@ -125,6 +123,9 @@ USES = {
 @pytest.mark.parametrize("use", USES)
 def test_names_that_no_file_has(tmp_path: Path, use):
     suffix = ".ply" if "Mesh" in use else ".png"
+    for path in (None, 3, b"color.png", ["color.png"]):
+        with pytest.raises(ibr.ArgumentError, match=r"^path: expected a file's path, .* got "):
+            USES[use](path)
     for name in (f"zero\0{suffix}", f"\ud800{suffix}"):
         with pytest.raises(ibr.ArgumentError, match=r"^path: expected a file's path in characters"):
             USES[use](tmp_path / name)
@@ -149,13 +150,11 @@ def test_files_that_are_written_together_are_all_there_or_none(tmp_path: Path):
         write_atomically(first, b"new")
         write_atomically(second, b"new")
         raise ZeroDivisionError
-    assert [path.name for path in tmp_path.iterdir()] == ["first"]
-    assert first.read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == ["first"] and first.read_bytes() == b"old"
     with written_together():
         write_atomically(second, b"new")
         write_atomically(first, b"new")
-        assert first.read_bytes() == b"old"
-        assert not second.exists()
+        assert first.read_bytes() == b"old" and not second.exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["first", "second"]
     assert first.read_bytes() == second.read_bytes() == b"new"
 

@@ -1,4 +1,4 @@
-"""pyibr without its optional packages, and its messages for missing or broken packages."""
+"""pyibr without its optional packages, and its messages for packages that are missing, broken or overwritten."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.errors import MissingPackageError
-from pyibr.core.optional import open3d, opencv
+from pyibr.core.optional import clashes, open3d, opencv, version_of
 
 EVERYTHING = """
 import sys
@@ -102,3 +102,43 @@ def test_a_folder_that_an_uninstalled_opencv_left_is_no_opencv(folder: Path, mon
     monkeypatch.setattr(sys, "path", [str(folder)])
     with pytest.raises(MissingPackageError, match=r"it needs cv2\.remap, but only a folder is left"):
         opencv("it", "remap")
+
+
+# ---- packages that have overwritten each other's files
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A function that installs a distribution, with a name and one file, into an environment that begins empty."""
+    monkeypatch.setattr("sys.path", [str(tmp_path)])
+
+    def install(name: str, file: str) -> None:
+        folder = tmp_path / f"{name.replace('-', '_')}-1.2.dist-info"
+        folder.mkdir(exist_ok=True)
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n")
+        (folder / "RECORD").write_text(f"{file},,\n{folder.name}/METADATA,,\n")
+        (tmp_path / file).parent.mkdir(exist_ok=True)  # Python 3.12 and later list existing files only
+        (tmp_path / file).touch()
+
+    return install
+
+
+def test_two_builds_of_opencv_clash(installed):
+    installed("opencv-python", "cv2/__init__.py")
+    assert clashes() == []
+    installed("opencv-contrib-python-headless", "cv2/__init__.py")
+    ((what, mend),) = clashes()
+    assert what.startswith("opencv-python and opencv-contrib-python-headless have both written into cv2/")
+    install = "pip install --force-reinstall --no-deps opencv-python==1.2"
+    assert mend == f"pip uninstall -y opencv-contrib-python-headless && {install}"
+
+
+def test_an_older_pyibr_clashes_where_it_writes_into_ours(installed):
+    installed("pyibr-opencl", "pyibr/__init__.py")
+    installed("pyibr", "ibr/__init__.py")
+    assert clashes() == []
+    assert (version_of("pyibr-opencl"), version_of("opencv-python")) == ("1.2", None)
+    installed("pyibr", "pyibr/__init__.py")
+    ((what, mend),) = clashes()
+    assert what.startswith("pyibr-opencl and pyibr have both")
+    assert mend.startswith("pip uninstall -y pyibr && ")

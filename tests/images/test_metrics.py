@@ -27,10 +27,9 @@ def test_psnr():
 
 
 def test_bytes_do_not_wrap_around():
-    assert metrics.psnr(np.full((1, 1), 1, np.uint8), np.full((1, 1), 255, np.uint8)) == pytest.approx(
-        20 * math.log10(255 / 254)
-    )
-    assert metrics.median_color_error(np.full((1, 1), 1, np.uint8), np.full((1, 1), 255, np.uint8)) == 254
+    one, most = np.full((1, 1), 1, np.uint8), np.full((1, 1), 255, np.uint8)
+    assert metrics.psnr(one, most) == pytest.approx(20 * math.log10(255 / 254))
+    assert metrics.median_color_error(one, most) == 254
 
 
 def test_median_color_error():
@@ -61,10 +60,8 @@ def test_hole_ratio():
 def test_silhouette_iou():
     y, x = np.mgrid[:10, :10]
     left, right = x < 6, x >= 4  # 60 pixels each, 20 of them in both
-    assert metrics.silhouette_iou(left, right) == 0.2
-    assert metrics.silhouette_iou(left, left) == 1
-    assert metrics.silhouette_iou(left, x > 8) == 0
-    assert metrics.silhouette_iou(y < 0, y == 0) == 0
+    assert metrics.silhouette_iou(left, right) == 0.2 and metrics.silhouette_iou(left, left) == 1
+    assert metrics.silhouette_iou(left, x > 8) == 0 and metrics.silhouette_iou(y < 0, y == 0) == 0
 
 
 YES, NO = np.ones((2, 3), bool), np.zeros((2, 3), bool)
@@ -116,14 +113,15 @@ def test_rows_of_a_panorama_weigh_as_much_as_the_sphere_that_they_show():
     middle, pole = sphere.copy(), sphere.copy()
     middle[1], pole[0] = 0.5, 0.5
     weights = np.cos(np.radians([-67.5, -22.5, 22.5, 67.5]))
-    assert metrics.ws_psnr(sphere, pole) == pytest.approx(10 * math.log10(4 * weights.sum() / weights[0]))
-    assert metrics.ws_psnr(sphere, middle) == pytest.approx(10 * math.log10(4 * weights.sum() / weights[1]))
     half = np.cos(np.radians([-33.75, -11.25, 11.25, 33.75]))
-    assert metrics.ws_psnr(sphere, pole, latitudes=90) == pytest.approx(10 * math.log10(4 * half.sum() / half[0]))
     below = np.arange(4)[:, None] > np.zeros(6)
-    assert metrics.ws_psnr(sphere, middle, valid=below) == pytest.approx(
-        10 * math.log10(4 * weights[1:].sum() / weights[1])
-    )
+    for picture, how, ratio in (
+        (pole, {}, weights.sum() / weights[0]),
+        (middle, {}, weights.sum() / weights[1]),
+        (pole, {"latitudes": 90}, half.sum() / half[0]),
+        (middle, {"valid": below}, weights[1:].sum() / weights[1]),
+    ):
+        assert metrics.ws_psnr(sphere, picture, **how) == pytest.approx(10 * math.log10(4 * ratio))
     assert metrics.ws_psnr(sphere, pole, valid=below) == math.inf
 
 

@@ -41,8 +41,7 @@ def test_given_noise_is_kept_in_each_of_its_forms():
 
 def test_given_noise_goes_with_the_view():
     view = ibr.DepthImage(np.zeros((*room().shape, 3), np.uint8), room().astype(np.float32), CAMERA, noise=0.003)
-    assert view.in_float.noise == view.noise
-    assert pickle.loads(pickle.dumps(view)).noise == view.noise
+    assert view.in_float.noise == view.noise and pickle.loads(pickle.dumps(view)).noise == view.noise
     lens = ibr.Camera(CAMERA.K, SIZE, lens=ibr.Lens("brown_conrady", [-0.2, 0.02, 0, 0]))
     assert ibr.undistorted(ibr.DepthImage(None, view.depth, lens, noise=0.003)).noise == view.noise
 
@@ -53,16 +52,18 @@ def test_what_is_no_noise_is_refused(noise):
         view_of(room(), noise=noise)
 
 
-@pytest.mark.parametrize("kind", [(0.002, 0, 0), (0, 0.003, 0), (0, 0, 0.004)])
+each_kind = pytest.mark.parametrize("kind", [(0.002, 0, 0), (0, 0.003, 0), (0, 0, 0.004)])
+
+
+@each_kind
 def test_noise_is_found(kind):
     depth = room((640, 480))
-    a, b, c = kind
-    noisy = depth + np.random.default_rng(0).normal(size=depth.shape) * (a * depth**2 + b * depth + c)
+    noisy = depth + np.random.default_rng(0).normal(size=depth.shape) * np.polyval(kind, depth)
     camera = ibr.Camera(4 * CAMERA.K + [[0, 0, 0], [0, 0, 0], [0, 0, -3]], (640, 480))
     found = ibr.DepthImage(None, noisy.astype(np.float32), camera).noise
     for z in (2.0, 4.0, 6.0):
         # An estimate from 250 differences is accurate to 6 %; a fit to twelve estimates is better.
-        assert found[0] * z * z + found[1] * z + found[2] == pytest.approx(a * z * z + b * z + c, rel=0.12)
+        assert np.polyval(found, z) == pytest.approx(np.polyval(kind, z), rel=0.12)
 
 
 def test_disparitys_noise_is_that_of_nearness():
@@ -76,9 +77,8 @@ def test_steps_are_those_of_the_scale():
     depth = room((640, 480))
     disparity = np.rint(40 / depth * 4) / 4
     assert DepthNoise((40 / disparity).astype(np.float32)).steps == pytest.approx((1 / 160, 0, 0), rel=0.02)
-    a, b, c = DepthNoise((np.rint(depth * 20) / 20).astype(np.float32)).steps
-    for z in (2.0, 5.0):
-        assert a * z * z + b * z + c == pytest.approx(0.05, rel=0.2)
+    steps = DepthNoise((np.rint(depth * 20) / 20).astype(np.float32)).steps
+    np.testing.assert_allclose(np.polyval(steps, (2.0, 5.0)), 0.05, rtol=0.2)
 
 
 @pytest.mark.parametrize("unit", [1e-25, 1e-3, 1e33])
@@ -103,14 +103,14 @@ def test_what_has_no_scale_has_no_steps():
         y, x = rng.integers(0, 400), rng.integers(0, 560)
         boxes[y : y + 80, x : x + 80] = rng.uniform(2, 9)
     rows = np.broadcast_to(1 / (0.1 + 0.001 * np.arange(480))[:, None], (480, 640))  # each row has its own depth
-    for depth in (
-        room((640, 480)),
-        boxes,
-        rows,
-        np.full((480, 640), 3.0),
-        np.full((480, 640), np.nan),
-        np.ones((1, 1)),
-    ):
+    stairs = np.repeat(2 + 0.05 * np.arange(8), 40)[None] * np.ones((240, 1))
+    leaves = np.full((45, 60), 4.0)  # at different depths in front of a wall
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        y, x = rng.integers(0, 40), rng.integers(0, 55)
+        leaves[y : y + 4, x : x + 4] = rng.uniform(3.0, 3.2)
+    planes = [np.full((480, 640), 3.0), np.full((480, 640), np.nan), np.ones((1, 1))]
+    for depth in (room((640, 480)), boxes, rows, stairs, leaves, *planes):
         assert DepthNoise(depth.astype(np.float32)).steps == (0, 0, 0)
 
 
@@ -128,6 +128,8 @@ def chequer(side: int, height: float, slope: float) -> Array:
 @pytest.mark.parametrize("slope", [0.0, 0.2])
 @pytest.mark.parametrize("side", [2, 3, 4, 7])
 def test_exact_depth_has_no_noise(side, slope):
+    blocks = np.random.default_rng(0).uniform(2, 4, (76, 102)).repeat(2, axis=0).repeat(2, axis=1)
+    assert deviation_at(blocks, 3.0) == 0
     assert deviation_at(chequer(side, 0.02, slope), 4.0) < 1e-6 * 4.0
     rows, columns = np.mgrid[:151, :203]
     wires = np.where((columns + 0.6 * rows) % 17 < side, 2.0, 4.0)
@@ -136,12 +138,7 @@ def test_exact_depth_has_no_noise(side, slope):
     assert deviation_at(3 + 0.5 * np.sin(x) * np.cos(1.3 * y), 3.0) < 1e-5 * 3.0  # a curved surface is not noisy
 
 
-def test_blocks_of_any_depth_have_no_noise():
-    blocks = np.random.default_rng(0).uniform(2, 4, (76, 102)).repeat(2, axis=0).repeat(2, axis=1)
-    assert deviation_at(blocks, 3.0) == 0
-
-
-@pytest.mark.parametrize("kind", [(0.002, 0, 0), (0, 0.003, 0), (0, 0, 0.004)])
+@each_kind
 @pytest.mark.parametrize("slope", [0.0, 0.6])
 def test_noise_of_walls_and_slopes_is_found_and_crops_agree(kind, slope):
     depth = 2.5 / (1 + slope * (np.arange(321) / 321 - 0.5)) * np.ones((243, 1))
@@ -168,23 +165,11 @@ def test_a_corridors_disparity_in_bytes_is_a_scale():
     assert steps == pytest.approx((step, 0, 0), rel=0.02, abs=1e-9)
 
 
-def test_stairs_and_leaves_are_no_scale():
-    stairs = np.repeat(2 + 0.05 * np.arange(8), 40)[None] * np.ones((240, 1))
-    assert DepthNoise(stairs.astype(np.float32)).steps == (0, 0, 0)
-    rng = np.random.default_rng(3)
-    leaves = np.full((45, 60), 4.0)
-    for _ in range(30):  # leaves at different depths in front of a wall
-        y, x = rng.integers(0, 40), rng.integers(0, 55)
-        leaves[y : y + 4, x : x + 4] = rng.uniform(3.0, 3.2)
-    assert DepthNoise(leaves.astype(np.float32)).steps == (0, 0, 0)
-
-
 @pytest.mark.parametrize("name", ["7scenes_tsdf_fusion/frame-*.depth.png", "asus_xtion_unregistered/depth1_0[1-3].png"])
 def test_frames_of_one_recording_and_their_crops_agree(name):
     found = list[float]()
     for path in sorted((shared("formats")).glob(name)):
         depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) / 1000
         found += [deviation_at(part, 2.0) for part in (depth, depth[3:, 5:], depth[:-7, :-4], depth[11:, 9:], depth.T)]
-    assert len(found) >= 15
-    assert max(found) < 1.1 * min(found)
+    assert len(found) >= 15 and max(found) < 1.1 * min(found)
     assert min(found) > 0.004  # half of a step of the depth's scale, 10.7 mm, is 5 mm

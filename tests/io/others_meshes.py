@@ -17,11 +17,13 @@ def accessor(view: int, array: np.ndarray, form: str, **more: object) -> dict[st
     return {"bufferView": view, "componentType": kinds[array.dtype.name], "count": len(array), "type": form, **more}
 
 
-def write_gltf(path: Path, arrays: list[np.ndarray], inline: bool = False, **scene: object) -> None:
+def write_gltf(path: Path, arrays: list[np.ndarray], inline: bool = False, stride: int = 0, **scene: object) -> None:
+    """Write a scene with the arrays as buffer views; a stride is the first one's."""
     views, data = [], b""
     for array in arrays:
         views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
         data += array.tobytes() + bytes(-array.nbytes % 4)
+    views[0] |= {"byteStride": stride} if stride else {}
     uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode() if inline else "the%20data.bin"
     path.with_name("the data.bin").write_bytes(data)
     whole = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": len(data), "uri": uri}], "bufferViews": views}
@@ -34,19 +36,13 @@ def write_skinned(path: Path, **changes: object) -> None:
     weights[:, :2] = [[1, 0], [0, 2], [0.5, 0.5]]  # the second vertex's weights add up to 2
     inverse, normals = np.array([np.eye(4), np.eye(4)], np.float32), np.float32([[1, 0, 0]] * 3)
     inverse[0, 3, 1] = 2  # in column order: y grows by 2 before the joint moves it
-    half = np.sqrt(0.5)
+    turn = [0, 0, np.sqrt(0.5), np.sqrt(0.5)]
     arrays = [TRIANGLE, used, weights, inverse.reshape(2, 16), normals]
+    forms = ("VEC3", "VEC4", "VEC4", "MAT4", "VEC3")
     scene = {
-        "accessors": [
-            accessor(i, a, f)
-            for i, (a, f) in enumerate(zip(arrays, ("VEC3", "VEC4", "VEC4", "MAT4", "VEC3"), strict=True))
-        ],
+        "accessors": [accessor(i, a, form) for i, (a, form) in enumerate(zip(arrays, forms, strict=True))],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "JOINTS_0": 1, "WEIGHTS_0": 2, "NORMAL": 4}}]}],
-        "nodes": [
-            {"mesh": 0, "skin": 0, "translation": [0, 0, 90]},
-            {"translation": [5, 0, 0]},
-            {"rotation": [0, 0, half, half]},
-        ],
+        "nodes": [{"mesh": 0, "skin": 0, "translation": [0, 0, 90]}, {"translation": [5, 0, 0]}, {"rotation": turn}],
         "skins": [{"joints": [1, 2], "inverseBindMatrices": 3}],
     }
     write_gltf(path, arrays, **(scene | changes))
@@ -61,10 +57,9 @@ def write_painted_obj(path: Path) -> None:
 
 def write_wedges_ply(path: Path) -> None:
     """A binary file with uv for each face's corners, as MeshLab writes it."""
-    head = (
-        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-    )
-    head += "element face 1\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 4\n"
+    head += "property float x\nproperty float y\nproperty float z\nelement face 1\n"
+    head += "property list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
     body = np.array(SQUARE, "<f4").tobytes() + b"\4" + np.arange(4, dtype="<i4").tobytes()
     path.write_bytes(head.encode() + body + b"\x08" + np.linspace(0, 1, 8, dtype="<f4").tobytes())
 

@@ -19,6 +19,7 @@ from tests.io.others_meshes import write_concave_off, write_painted_obj, write_s
 
 RNG = np.random.default_rng(0)
 SIZE = (17, 11)
+SIZES = [(7, 13), (1, 1), (61, 37)]
 COLOR = RNG.integers(0, 256, (*SIZE[::-1], 3), dtype=np.uint8)
 DEPTH = RNG.uniform(0.5, 60, SIZE[::-1]).astype(np.float32)
 CAMERA = ibr.Camera([[30, 0, 8], [0, 30, 5], [0, 0, 1]], SIZE)
@@ -30,6 +31,17 @@ COLORED = ibr.Mesh(VERTICES, FACES, uv=None, normals=NORMALS, colors=RNG.integer
 
 Write = Callable[[Path], None]
 Read = Callable[[Path], Any]
+
+
+def depth_of(size) -> np.ndarray:
+    depth = np.random.default_rng(1).uniform(0.5, 60, size[::-1]).astype(np.float32)
+    if depth.size > 1:
+        depth[0, -1] = np.nan
+    return depth
+
+
+def color_of(size) -> np.ndarray:
+    return np.random.default_rng(2).integers(0, 256, (*size[::-1], 3), dtype=np.uint8)
 
 
 def _points(form: str) -> str:

@@ -75,10 +75,14 @@ def glb(**parts: Any) -> bytes:
 PLY = b"ply\nformat %s 1.0\nelement vertex %s\nproperty float x\nproperty float y\nproperty float z\n"
 PLY += b"element face 1\nproperty list int int vertex_indices\nend_header\n"
 GRID = b"ply\nformat ascii 1.0\nobj_info num_cols %s\nobj_info num_rows 1\nelement vertex 1\nproperty float x\n"
-GRID += (
-    b"property float y\nproperty float z\nelement range_grid %s\nproperty list uchar int n\nend_header\n1 2 3\n1 0\n"
-)
+GRID += b"property float y\nproperty float z\nelement range_grid %s\nproperty list uchar int n\nend_header\n1 2 3\n"
+GRID += b"1 0\n"
 LONG = b"9" * 5000
+CORNERS = PLY % (b"binary_little_endian", b"3") + bytes(36) + struct.pack("<4i", 0x7FFFFFFF, 0, 1, 2)
+CONCAVE = b"OFF\n9999 1 0\n" + b"".join(b"%d %d 0\n" % (i, i * i % 7) for i in range(9999))
+CONCAVE += b"9999 " + b" ".join(b"%d" % i for i in range(9999))
+ZEROS = {"componentType": 5126, "count": 10**12, "type": "VEC3"}
+FEWER_ZEROS = ZEROS | {"count": 10**5}
 
 BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
     "PFM: large": ("d.pfm", b"Pf\n999999999 999999999\n-1.0\n" + bytes(24), ibr.read_depth),
@@ -87,11 +91,7 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
     "COLMAP: large": ("d.bin", b"999999999&999999999&1&" + bytes(24), ibr.read_depth),
     "COLMAP: long": ("d.bin", LONG + b"&3&1&" + bytes(24), ibr.read_depth),
     "NPY: large": ("d.npy", npy("(99999999, 999)"), ibr.read_depth),
-    "NPY: larger than any number": (
-        "d.npy",
-        npy("(1 << 62, 1 << 62)".replace("1 << 62", str(1 << 62))),
-        ibr.read_depth,
-    ),
+    "NPY: larger than any number": ("d.npy", npy(f"({1 << 62}, {1 << 62})"), ibr.read_depth),
     "NPY: negative": ("d.npy", npy("(-3, -8)"), ibr.read_depth),
     "NPY: long": ("d.npy", npy(f"({LONG.decode()}, 2)"), ibr.read_depth),
     "NPY: of nothing": ("d.npy", npy("(9, 9)", "|V0"), ibr.read_depth),
@@ -107,35 +107,16 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
     "PLY: vertices": ("m.ply", PLY % (b"ascii", b"999999999") + b"0 0 0\n", ibr.Mesh.load),
     "PLY: many bytes": ("m.ply", PLY % (b"binary_little_endian", b"999999999999") + bytes(99), ibr.Mesh.load),
     "PLY: long": ("m.ply", PLY % (b"ascii", LONG) + b"0 0 0\n", ibr.Mesh.load),
-    "PLY: corners": (
-        "m.ply",
-        PLY % (b"binary_little_endian", b"3") + bytes(36) + struct.pack("<4i", 0x7FFFFFFF, 0, 1, 2),
-        ibr.Mesh.load,
-    ),
+    "PLY: corners": ("m.ply", CORNERS, ibr.Mesh.load),
     "PLY: corners below none": ("m.ply", PLY % (b"ascii", b"1") + b"0 0 0\n-3 0 0 0\n", ibr.Mesh.load),
     "OFF": ("m.off", b"OFF\n3 999999999 0\n0 0 0\n0 0 1\n0 1 0\n3 0 1 2\n", ibr.Mesh.load),
     "OFF: long": ("m.off", b"OFF\n3 " + LONG + b" 0\n0 0 0\n", ibr.Mesh.load),
     "STL": ("m.stl", bytes(80) + b"\xff\xff\xff\xff" + bytes(50), ibr.Mesh.load),
-    "OFF: a concave polygon": (
-        "m.off",
-        b"OFF\n9999 1 0\n"
-        + b"".join(b"%d %d 0\n" % (i, i * i % 7) for i in range(9999))
-        + b"9999 "
-        + b" ".join(b"%d" % i for i in range(9999)),
-        ibr.Mesh.load,
-    ),
+    "OFF: a concave polygon": ("m.off", CONCAVE, ibr.Mesh.load),
     "OBJ": ("m.obj", b"v 0 0 0\nv 0 0 1\nv 0 1 0\nf 1 2 " + LONG + b"\n", ibr.Mesh.load),
-    "GLB: entries": (
-        "m.glb",
-        glb(accessors=[{"bufferView": 0, "componentType": 5126, "count": 10**12, "type": "VEC3"}]),
-        ibr.Mesh.load,
-    ),
-    "GLB: zeros": ("m.glb", glb(accessors=[{"componentType": 5126, "count": 10**12, "type": "VEC3"}]), ibr.Mesh.load),
-    "GLB: zeros of nothing": (
-        "m.glb",
-        glb(accessors=[{"componentType": 5126, "count": 10**5, "type": "VEC3"}], bufferViews=[], buffers=[]),
-        ibr.Mesh.load,
-    ),
+    "GLB: entries": ("m.glb", glb(accessors=[{"bufferView": 0} | ZEROS]), ibr.Mesh.load),
+    "GLB: zeros": ("m.glb", glb(accessors=[ZEROS]), ibr.Mesh.load),
+    "GLB: zeros of nothing": ("m.glb", glb(accessors=[FEWER_ZEROS], bufferViews=[], buffers=[]), ibr.Mesh.load),
     "GLB: places": ("m.glb", glb(nodes=[{"mesh": 0}] * 40_000, scenes=[{"nodes": list(range(40_000))}]), ibr.Mesh.load),
     "GLB: a circle": ("m.glb", glb(nodes=[{"mesh": 0, "children": [0]}], scenes=[{"nodes": [0]}]), ibr.Mesh.load),
     "camera: deep": ("c.json", b"[" * 200_000, ibr.Camera.load),
@@ -143,11 +124,7 @@ BOMBS: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
     "YAML: deep lists": ("c.yaml", b"- " * 200_000 + b"a", ibr.Camera.load),
     "YAML: a circle": ("c.yaml", b"a: &a [*a]\n", ibr.Camera.load),
     "camera: long": ("c.json", b'{"width": ' + LONG + b"}", ibr.Camera.load),
-    "camera: too wide": (
-        "c.json",
-        b'{"width": 1e999, "height": 3, "K": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}',
-        ibr.Camera.load,
-    ),
+    "camera: too wide": ("c.json", b'{"width": 1e999, "height": 3, "K": [[1,0,0],[0,1,0],[0,0,1]]}', ibr.Camera.load),
 }
 
 
@@ -158,8 +135,7 @@ def test_what_promises_more_than_it_holds_is_refused(tmp_path: Path, name):
     start = time.process_time()
     with pytest.raises(ibr.FileFormatError, match=file) as caught:
         read(tmp_path / file)
-    assert time.process_time() - start < 2
-    assert "\n" not in str(caught.value)
+    assert time.process_time() - start < 2 and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["m.off.gz", "m.obj.gz", "m.ply.gz", "m.stl.gz"])

@@ -13,22 +13,16 @@ import pyibr as ibr
 from pyibr.capture.sets import write_set
 from pyibr.io import read_cameras, write_cameras
 from pyibr.io.layouts import recording_in
+from tests.core.test_calibrations import same
 from tests.data import shared
 
 LENS = ibr.Lens("brown_conrady", [-0.2, 0.05, 0.001, 0])
+K, OTHER_K = [[50, 0, 30], [0, 51, 18], [0, 0, 1]], [[70, 0, 20], [0, 70, 30], [0, 0, 1]]
 CAMERAS = {
-    "image_9.jpg": ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], (61, 37)).moved(1, 2, 3),
-    "image_10.jpg": ibr.Camera([[50, 0, 30], [0, 51, 18], [0, 0, 1]], (61, 37), lens=LENS).orbited(30, (0, 0, 2)),
-    "with space.png": ibr.Camera([[70, 0, 20], [0, 70, 30], [0, 0, 1]], (41, 61)).orbited(
-        -170, (0, 1, 2), axis=(1, 1, 0)
-    ),
+    "image_9.jpg": ibr.Camera(K, (61, 37)).moved(1, 2, 3),
+    "image_10.jpg": ibr.Camera(K, (61, 37), lens=LENS).orbited(30, (0, 0, 2)),
+    "with space.png": ibr.Camera(OTHER_K, (41, 61)).orbited(-170, (0, 1, 2), axis=(1, 1, 0)),
 }
-
-
-def same(one: ibr.Camera, other: ibr.Camera) -> None:
-    assert one.size == other.size and (one.lens is None) == (other.lens is None)
-    np.testing.assert_allclose(one.K, other.K, rtol=1e-12)
-    np.testing.assert_allclose(one.world_from_camera, other.world_from_camera, atol=1e-12)
 
 
 def model(folder: Path, kind: str) -> None:
@@ -89,9 +83,8 @@ def test_a_matrix_needs_the_size_of_the_images(tmp_path: Path):
     camera = CAMERAS["image_9.jpg"]
     np.savetxt(tmp_path / "K.txt", camera.K)
     same(read_cameras(tmp_path / "K.txt", size=(61, 37))["0"], ibr.Camera(camera.K, (61, 37)))
-    with pytest.raises(
-        ibr.ArgumentError, match=r"^size: expected the \(width, height\) of the images whose K is in .*K\.txt"
-    ):
+    said = r"^size: expected the \(width, height\) of the images whose K is in .*K\.txt"
+    with pytest.raises(ibr.ArgumentError, match=said):
         read_cameras(tmp_path / "K.txt")
     for text, message in (("1 2 3", "K.txt: K: expected"), ("words", "K.txt: no camera in it: expected K")):
         (tmp_path / "K.txt").write_text(text)
@@ -103,8 +96,7 @@ def test_sets_have_cameras(tmp_path: Path):
     depth = np.full((37, 61), 2, np.float32)
     views = [ibr.DepthImage(np.zeros((37, 61, 3), np.uint8), depth, CAMERAS[f"image_{k}.jpg"]) for k in (9, 10)]
     write_set(tmp_path, views)
-    found = read_cameras(tmp_path / "frusta.json")
-    assert list(found.values()) == [view.camera for view in views]
+    assert list(read_cameras(tmp_path / "frusta.json").values()) == [view.camera for view in views]
     assert recording_in(tmp_path).cameras == (tmp_path / "frusta.json",)
 
 
@@ -137,15 +129,14 @@ def test_folders_without_cameras(tmp_path: Path):
     (tmp_path / "a/images.txt").unlink()
     with pytest.raises(ibr.FileFormatError, match=r"images.txt: no such file"):
         read_cameras(tmp_path / "a")
-    (tmp_path / "a/images.txt").write_text("1 1 0 0 0 0 0 0 99 x.png\n\n")
-    with pytest.raises(ibr.FileFormatError, match=r"x.png has camera 99, which .*cameras.txt lacks"):
-        read_cameras(tmp_path / "a")
-    (tmp_path / "a/images.txt").write_text("1 0 0 0 0 0 0 0 5 x.png\n\n")
-    with pytest.raises(ibr.FileFormatError, match=r"x.png: qvec"):
-        read_cameras(tmp_path / "a")
-    (tmp_path / "a/images.txt").write_text("# none\n")
-    with pytest.raises(ibr.FileFormatError, match=r"holds no image"):
-        read_cameras(tmp_path / "a")
+    for text, said in (
+        ("1 1 0 0 0 0 0 0 99 x.png\n\n", "x.png has camera 99, which .*cameras.txt lacks"),
+        ("1 0 0 0 0 0 0 0 5 x.png\n\n", "x.png: qvec"),
+        ("# none\n", "holds no image"),
+    ):
+        (tmp_path / "a/images.txt").write_text(text)
+        with pytest.raises(ibr.FileFormatError, match=said):
+            read_cameras(tmp_path / "a")
 
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])

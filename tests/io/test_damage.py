@@ -7,27 +7,18 @@ import json
 import os
 import random
 import resource
-import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import pyibr as ibr
-from tests.io.damages import COUNT, quick_folder, wrongs
+from tests.io.damages import COUNT, wrongs
 from tests.io.specimens import DECODED_ELSEWHERE, OTHERS, WRITERS, reader
 
 ROOT = Path(__file__).parents[2]
 OWN = [name for name in (*WRITERS, *OTHERS) if name not in DECODED_ELSEWHERE]
-
-
-@pytest.fixture
-def folder() -> Iterator[Path]:
-    place = quick_folder()
-    yield place
-    shutil.rmtree(place)
 
 
 def needs_exr(*names: str) -> None:
@@ -85,8 +76,7 @@ def test_writes_that_fail_leave_what_was_there(folder: Path, monkeypatch: pytest
             finally:
                 resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
         left = contents(folder)
-        assert left.pop(name) == old
-        assert not [other for other in left if other.startswith(".")]
+        assert left.pop(name) == old and not [other for other in left if other.startswith(".")]
     write(folder / name)
     reader(name)(folder / name)
 
@@ -118,9 +108,8 @@ print("done")
 
 
 def test_killed_writers_leave_whole_files(folder: Path):
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(folder)], cwd=ROOT, capture_output=True, text=True, timeout=60
-    )
+    words = [sys.executable, "-c", KILLED, str(folder)]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.stdout == "done\n", done.stderr
     names = {path.name for path in folder.iterdir()}
     remains = {name for name in names if name.startswith(".")}

@@ -59,9 +59,8 @@ def test_gray_films_hold_numbers(tmp_path: Path, codec: str, pixels: str, bits: 
 def test_what_is_written_is_read(tmp_path: Path):
     stack = counts(16)
     ibr.write_video(tmp_path / "depth.mkv", stack, 30, bits=16)
-    np.testing.assert_array_equal(
-        list(DepthFrames(tmp_path / "depth.mkv").read(range(COUNT), depth_scale=1000)), in_metres(stack)
-    )
+    frames = DepthFrames(tmp_path / "depth.mkv")
+    np.testing.assert_array_equal(list(frames.read(range(COUNT), depth_scale=1000)), in_metres(stack))
 
 
 @pytest.mark.parametrize("shape", [(COUNT, HEIGHT, WIDTH), (COUNT, 1, HEIGHT, WIDTH), (1, COUNT, HEIGHT, WIDTH, 1)])
@@ -105,8 +104,7 @@ def test_what_holds_no_frames(tmp_path: Path):
     np.save(tmp_path / "one.npy", np.ones((HEIGHT, WIDTH)))
     np.save(tmp_path / "network.npy", np.ones((1, HEIGHT, WIDTH)))  # one image, with the first axis that networks add
     assert frames_in(tmp_path / "one.npy") is None and frames_in(tmp_path / "network.npy") is None
-    assert frames_in(tmp_path / "depth.png") is None
-    assert len(DepthFrames(tmp_path / "network.npy")) == 1
+    assert frames_in(tmp_path / "depth.png") is None and len(DepthFrames(tmp_path / "network.npy")) == 1
     np.save(tmp_path / "words.npy", np.array([["a", "b"]]))
     np.save(tmp_path / "five.npy", np.ones((2, 3, 4, 5)))
     np.savez(tmp_path / "whole.npz", depth=np.ones((2, 300, 400)))

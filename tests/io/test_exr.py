@@ -25,9 +25,8 @@ def named(layer: str, channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def write(path: Path, *parts: dict[str, Any], names: tuple[str, ...] = ("",), **header: Any) -> None:
     header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage, **header}
-    exr.File([exr.Part(dict(header), dict(part), name) for name, part in zip(names, parts, strict=True)]).write(
-        str(path)
-    )
+    made = [exr.Part(dict(header), dict(part), name) for name, part in zip(names, parts, strict=True)]
+    exr.File(made).write(str(path))
 
 
 XYZ = dict(zip("XYZ", OTHER, strict=True))
@@ -44,11 +43,7 @@ GRAY = {name: DEPTH for name in "RGB"}
         {"Z": DEPTH, **RGB, **named("right", {"Z": OTHER[0]})},  # the right view of a stereo file
         {**RGB, "depth": DEPTH},
         {**RGB, **named("Depth", {"V": DEPTH}), **named("Normal", XYZ)},  # Blender
-        {
-            **named("View Layer.Combined", RGB),
-            **named("View Layer.Depth", {"Z": DEPTH}),
-            **named("View Layer.Mist", {"Z": OTHER[0]}),
-        },
+        {**named("V L.Combined", RGB), **named("V L.Depth", {"Z": DEPTH}), **named("V L.Mist", {"Z": OTHER[0]})},
         {**named("ViewLayer.Depth", {"Z": DEPTH}), **named("ViewLayer.Position", XYZ), "ViewLayer.IndexOB.X": OTHER[0]},
         {**RGB, **named("FinalImageMovieRenderQueue_WorldDepth", GRAY)},  # Unreal
         {**RGB, **named("WorldDepth", {"R": DEPTH})},
@@ -119,16 +114,10 @@ def test_data_windows_are_placed_in_the_display_window(tmp_path: Path, low, rows
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "d.exr")[..., 1], expected)
 
 
-@pytest.mark.parametrize(
-    ("others", "names"),
-    [({}, ("",)), (named("Combined", RGB), ("",)), (named("A.B", RGB), ("",)), (RGB | named("Other", XYZ), ("",))],
-)
-def test_colours_of_a_layer(tmp_path: Path, others, names):
-    write(tmp_path / "c.exr", {**(others or RGB), **named("Depth", {"Z": DEPTH})}, names=names)
-    np.testing.assert_array_equal(ibr.read_color(tmp_path / "c.exr"), np.moveaxis(OTHER, 0, -1))
-
-
 def test_colours_of_the_picture_among_layers_and_parts(tmp_path: Path):
+    for layers in (RGB, named("Combined", RGB), named("A.B", RGB), RGB | named("Other", XYZ)):
+        write(tmp_path / "c.exr", {**layers, **named("Depth", {"Z": DEPTH})})
+        np.testing.assert_array_equal(ibr.read_color(tmp_path / "c.exr"), np.moveaxis(OTHER, 0, -1))
     others = {name: OTHER[0] * 0 for name in "RGB"}
     write(tmp_path / "c.exr", {**named("V.DiffCol", others), **named("V.Combined", RGB), **named("V.Emit", others)})
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "c.exr")[..., 0], OTHER[0])

@@ -13,7 +13,7 @@ from PIL import Image
 
 import pyibr as ibr
 from pyibr.io import image
-from tests.io.arrays import SIZES, color_of, depth_of
+from tests.io.specimens import SIZES, color_of, depth_of, tiff
 
 DEPTH_SUFFIXES = [".png", ".tiff", ".npy", ".npz", ".pfm", ".exr", ".bin"]
 pytestmark = pytest.mark.usefixtures("openexr_if_asked")
@@ -25,8 +25,7 @@ def test_depth_round_trip(tmp_path: Path, suffix, size):
     depth, file = depth_of(size), tmp_path / f"depth{suffix}"
     ibr.write_depth(file, depth, depth_scale=1000 if suffix == ".png" else None)
     again = ibr.read_depth(file, depth_scale=1000 if suffix == ".png" else None)
-    assert again.dtype == np.float32
-    assert again.flags.c_contiguous
+    assert again.dtype == np.float32 and again.flags.c_contiguous
     np.testing.assert_allclose(again, depth, rtol=0, atol=0.50001e-3 if suffix == ".png" else 0)
     assert [f.name for f in tmp_path.iterdir()] == [file.name]  # no temporary file is left
 
@@ -76,9 +75,7 @@ def test_distances_need_their_camera(tmp_path: Path):
     camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37))
     ibr.write_depth(tmp_path / "d.npy", depth_of((7, 13)))
     for given, got in ((None, "none"), (camera, "61x37")):
-        with pytest.raises(
-            ibr.ArgumentError, match=f"camera: expected the 7x13 camera of the distances .*d.npy, got {got}"
-        ):
+        with pytest.raises(ibr.ArgumentError, match=f"camera: expected the 7x13 camera of the dist.*d.npy, got {got}"):
             ibr.read_depth(tmp_path / "d.npy", depth_scale=None, depth_kind="distance", camera=given)
     with pytest.raises(ibr.ArgumentError, match='kind: expected one of "z", "distance", "inverse"'):
         ibr.read_depth(tmp_path / "d.npy", depth_kind="disparity")  # type: ignore[arg-type]
@@ -156,12 +153,28 @@ def test_tiff_depth_of_other_programs(tmp_path: Path):
     np.testing.assert_array_equal(ibr.read_depth(tmp_path / "cv.tif"), depth)
     units = np.nan_to_num(depth * 1000).astype(np.uint16)
     cv2.imwrite(str(tmp_path / "mm.tif"), units)
-    np.testing.assert_array_equal(
-        ibr.read_depth(tmp_path / "mm.tif", depth_scale=1000), ibr.depth_from_uint16(units, 1000)
-    )
+    found = ibr.read_depth(tmp_path / "mm.tif", depth_scale=1000)
+    np.testing.assert_array_equal(found, ibr.depth_from_uint16(units, 1000))
     ibr.write_color(tmp_path / "c.tif", color_of((7, 13)))
     with pytest.raises(ibr.FileFormatError, match="expected gray of 8 or 16 bits, or floats, for depth"):
         ibr.read_depth(tmp_path / "c.tif", depth_scale=1000)
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("kind", ["u1", "u2", "i2", "u4", "i4", "f2", "f4", "f8"])
+def test_tiff_of_every_kind_and_byte_order_as_it_is_stored(tmp_path: Path, kind, order):
+    values = np.arange(1, 92).reshape(13, 7) * {"u1": 1, "u4": 40_000_000}.get(kind, 5)  # u4: beyond the range of i4
+    (tmp_path / "d.tif").write_bytes(tiff(values.astype(order + kind), orientation=6))
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.tif", depth_scale=1), values.astype(np.float32))
+    if kind in ("u1", "u2", "f2", "f4", "f8"):
+        assert ibr.read_color(tmp_path / "d.tif").shape == (13, 7, 3)
+
+
+@pytest.mark.parametrize("compression", [cv2.IMWRITE_TIFF_COMPRESSION_NONE, cv2.IMWRITE_TIFF_COMPRESSION_LZW])
+def test_tiff_of_doubles_however_it_is_packed(tmp_path: Path, compression):
+    depth = np.random.default_rng(1).uniform(0.5, 60, (37, 61))
+    cv2.imwrite(str(tmp_path / "d.tif"), depth, [cv2.IMWRITE_TIFF_COMPRESSION, compression])
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.tif"), depth.astype(np.float32))
 
 
 @pytest.mark.parametrize("shape", [(1, 13, 7), (13, 7, 1), (1, 1, 13, 7), (1, 13, 7, 1)])
@@ -197,8 +210,7 @@ def test_depth_of_16_bits_is_written_by_its_scale(tmp_path: Path, suffix):
     """uint16 depth, which `register` returns, is written and read with its scale, and stays the same."""
     stored = np.arange(0, 65536, 719, dtype=np.uint16).reshape(-1, 4)[:20]
     ibr.write_depth(tmp_path / f"d{suffix}", stored, depth_scale=1000)
-    np.testing.assert_array_equal(
-        ibr.read_depth(tmp_path / f"d{suffix}", depth_scale=1000), ibr.depth_from_uint16(stored, 1000)
-    )
+    found = ibr.read_depth(tmp_path / f"d{suffix}", depth_scale=1000)
+    np.testing.assert_array_equal(found, ibr.depth_from_uint16(stored, 1000))
     with pytest.raises(ibr.ArgumentError, match=r"^depth_scale: "):
         ibr.write_depth(tmp_path / f"d{suffix}", stored)

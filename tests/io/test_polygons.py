@@ -9,9 +9,8 @@ from pyibr.io.polygons import triangles
 
 U = np.array([[0, 0], [4, 0], [4, 3], [3, 3], [3, 1], [1, 1], [1, 3], [0, 3.0]])
 ARROW = np.array([[0, 0], [2, -1], [1, 0], [2, 1.0]])
-KEYHOLE = np.array(
-    [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0], [1, 1], [1, 3], [3, 3], [3, 1], [1, 1.0]]
-)  # a square with a hole; a bridge joins the two outlines
+KEYHOLE = np.array([[0, 0], [4, 0], [4, 4], [0, 4], [0, 0], [1, 1], [1, 3], [3, 3], [3, 1], [1, 1.0]])
+"""A square with a hole; a bridge joins the two outlines."""
 
 
 def comb(count: int) -> np.ndarray:
@@ -38,8 +37,7 @@ def test_concave_polygons_keep_their_area_from_any_corner_either_way_round(flat,
     found = triangles(np.array([len(flat)]), points)
     x, y = flat.T
     shoelace = abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
-    assert found.shape == (len(flat) - 2, 3)
-    assert area(points[found]) == pytest.approx(shoelace, rel=1e-9)
+    assert found.shape == (len(flat) - 2, 3) and area(points[found]) == pytest.approx(shoelace, rel=1e-9)
     across = np.cross(points[found[:, 1]] - points[found[:, 0]], points[found[:, 2]] - points[found[:, 0]])
     assert ((across @ across[np.linalg.norm(across, axis=1).argmax()]) >= -1e-12).all()  # all face the same way
 

@@ -11,10 +11,8 @@ import pytest
 import pyibr as ibr
 from pyibr.io import read_poses
 
-CAMERAS = [
-    ibr.Camera.look_at((0.1 * k, -0.2 * k, 0.3), (k, 1, 4), (0, -1, 0.1), (7, 5)).orbited(40 * k, (0, 0, 1))
-    for k in range(12)
-]
+AHEAD = [ibr.Camera.look_at((0.1 * k, -0.2 * k, 0.3), (k, 1, 4), (0, -1, 0.1), (7, 5)) for k in range(12)]
+CAMERAS = [camera.orbited(40 * k, (0, 0, 1)) for k, camera in enumerate(AHEAD)]
 MATRICES = np.array([camera.world_from_camera for camera in CAMERAS])
 TIMES = 1305031232.5 + 0.0333 * np.arange(len(CAMERAS))
 
@@ -57,6 +55,8 @@ def test_each_form_holds_the_poses(tmp_path: Path, form):
 
 
 def test_a_folder_of_files_is_read_in_the_order_of_their_numbers(tmp_path: Path):
+    with pytest.raises(ibr.FileFormatError, match="no text files with poses"):
+        read_poses(tmp_path)
     for number, matrix in enumerate(MATRICES):
         (tmp_path / f"frame-{number}.pose.txt").write_text(rows(matrix))
     (tmp_path / "intrinsics.txt").write_text("1 2 3")
@@ -67,9 +67,8 @@ def test_the_cameras_of_a_json_file_have_poses(tmp_path: Path):
     """One file is a trajectory as Open3D's view control writes it, in column order; the other is a list of cameras."""
     intrinsic = {"width": 7, "height": 5, "intrinsic_matrix": CAMERAS[0].K.T.ravel().tolist()}
     several = [{"extrinsic": one.camera_from_world.T.ravel().tolist(), "intrinsic": intrinsic} for one in CAMERAS]
-    (tmp_path / "trajectory.json").write_text(
-        json.dumps({"class_name": "PinholeCameraTrajectory", "parameters": several})
-    )
+    trajectory = {"class_name": "PinholeCameraTrajectory", "parameters": several}
+    (tmp_path / "trajectory.json").write_text(json.dumps(trajectory))
     listed = [{"width": 7, "height": 5, "K": CAMERAS[0].K.tolist(), "world_from_camera": m.tolist()} for m in MATRICES]
     (tmp_path / "cameras.JSON").write_text(json.dumps(listed))
     for name in ("trajectory.json", "cameras.JSON"):
@@ -107,11 +106,6 @@ def test_what_is_no_trajectory(tmp_path: Path, text, message):
         (tmp_path / "p.txt").write_text(text)
     with pytest.raises(ibr.FileFormatError, match=message):
         read_poses(tmp_path / "p.txt")
-
-
-def test_a_folder_without_poses(tmp_path: Path):
-    with pytest.raises(ibr.FileFormatError, match="no text files with poses"):
-        read_poses(tmp_path)
 
 
 @pytest.mark.parametrize("units", [1, 1_000, 1_000_000, 1_000_000_000])

@@ -40,8 +40,7 @@ def test_points_lie_in_their_cells(tmp_path):
     (tmp_path / "scan.ply").write_text(HEAD + BODY)
     (tmp_path / "scan.ply.gz").write_bytes(gzip.compress((HEAD + BODY).encode()))
     points = read_range_grid(tmp_path / "scan.ply")
-    assert points.shape == (2, 3, 3)
-    assert points.dtype == np.float32
+    assert points.shape == (2, 3, 3) and points.dtype == np.float32
     nothing = [np.nan] * 3
     expected = [[[0, 1, 5], [1, 1, 5], nothing], [[0, 0, 5.5], nothing, [2, 0, 6]]]
     np.testing.assert_array_equal(points, np.array(expected, np.float32))
@@ -85,8 +84,7 @@ def test_a_scan_as_a_depth_image():
     np.testing.assert_allclose(world[:, 2] - 6, 0.2 * np.sin((world[:, 0] - 4) * 10 / 6), atol=0.2 / 6**2 / 4)
     assert 8 <= np.isnan(view.depth).sum() <= 30
     middle = view.camera.project(np.array([[4 + 2.15, 5 - 1.3, 6.0]]))[0].round().astype(int).ravel()
-    assert np.isnan(view.depth[middle[1], middle[0]])
-    assert np.isposinf(view.depth[0]).all()
+    assert np.isnan(view.depth[middle[1], middle[0]]) and np.isposinf(view.depth[0]).all()
 
 
 EDGE_ON = np.stack(np.meshgrid(np.arange(9), 0, np.arange(3), indexing="ij"), -1)[:, 0].swapaxes(0, 1).astype(float)

@@ -223,23 +223,20 @@ def test_what_is_no_video_is_told_in_one_sentence_alone(tmp_path: Path):
 
 def test_what_cannot_be_written_is_told_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     check_video_output(tmp_path / "new.mp4")
-    with pytest.raises(ibr.FileFormatError, match=r"no video format \.wmv"):
-        check_video_output(tmp_path / "new.wmv")
-    with pytest.raises(ibr.ArgumentError, match=r"codec: expected vp9 or av1 for .*, got "):
-        ibr.write_video(tmp_path / "new.webm", FRAMES, 25, codec="h264")
-    with pytest.raises(ibr.ArgumentError, match="bits: expected 8 or 10 for h264, got 12"):
-        ibr.write_video(tmp_path / "new.mp4", FRAMES, 25, bits=12)
-    with pytest.raises(ibr.ArgumentError, match="fps: expected frames a second > 0, got int 0"):
-        ibr.write_video(tmp_path / "new.mp4", FRAMES, 0)
-    with pytest.raises(ibr.ArgumentError, match="frames: expected all of one size, 62x36, got 60x36"):
-        ibr.write_video(tmp_path / "new.mp4", [FRAMES[0], FRAMES[1][:, :60]], 25)
-    with pytest.raises(ibr.FileFormatError, match="a video without a frame"):
-        ibr.write_video(tmp_path / "new.mp4", [], 25)
     (tmp_path / "file").write_text("")
-    with pytest.raises(ibr.FileFormatError, match="is not a folder"):
-        check_video_output(tmp_path / "file/new.mp4")
-    with pytest.raises(ibr.FileFormatError, match="cannot write a video of 1x1"):
-        written(tmp_path / "v.mp4", [FRAMES[0][:1, :1]])
+    several = [FRAMES[0], FRAMES[1][:, :60]]
+    for error, said, name, frames, fps, options in (
+        (ibr.FileFormatError, r"no video format \.wmv", "new.wmv", FRAMES, 25, {}),
+        (ibr.ArgumentError, "codec: expected vp9 or av1 for .*, got ", "new.webm", FRAMES, 25, {"codec": "h264"}),
+        (ibr.ArgumentError, "bits: expected 8 or 10 for h264, got 12", "new.mp4", FRAMES, 25, {"bits": 12}),
+        (ibr.ArgumentError, "fps: expected frames a second > 0, got int 0", "new.mp4", FRAMES, 0, {}),
+        (ibr.ArgumentError, "frames: expected all of one size, 62x36, got 60x36", "new.mp4", several, 25, {}),
+        (ibr.FileFormatError, "a video without a frame", "new.mp4", [], 25, {}),
+        (ibr.FileFormatError, "is not a folder", "file/new.mp4", FRAMES, 25, {}),
+        (ibr.FileFormatError, "cannot write a video of 1x1", "v.mp4", [FRAMES[0][:1, :1]], 25, {}),
+    ):
+        with pytest.raises(error, match=said):
+            ibr.write_video(tmp_path / name, frames, fps, **options)
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(ibr.MissingPackageError, match=r"pyibr-opencl\[video\]"):

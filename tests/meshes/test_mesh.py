@@ -58,12 +58,6 @@ def test_normals_of_what_has_no_area():
     np.testing.assert_array_equal(mesh.smooth_normals, np.tile([0, 0, 1], (2, 1)))
 
 
-def test_packed_files(tmp_path):
-    ibr.Mesh(CORNERS, FACES).save(tmp_path / "square.ply")
-    (tmp_path / "square.ply.gz").write_bytes(gzip.compress((tmp_path / "square.ply").read_bytes()))
-    assert len(ibr.Mesh.load(tmp_path / "square.ply.gz").faces) == 2
-
-
 def test_open3d_there_and_back():
     made = ibr.Mesh(CORNERS, FACES, uv=UV, texture=texture())
     for mesh in (made.to_open3d(), made.to_open3d().to_legacy()):
@@ -75,8 +69,7 @@ def test_open3d_there_and_back():
 @pytest.mark.thorough
 def test_real_meshes():
     spot = ibr.Mesh.load(shared("meshes/spot/spot_triangulated.obj"))
-    assert len(spot.faces) == 5856
-    assert spot.uv is not None
+    assert len(spot.faces) == 5856 and spot.uv is not None
     assert len(ibr.Mesh.load(shared("meshes/teapot.obj.gz")).faces) == 6320
     assert len(ibr.Mesh.load(shared("meshes/human_male_makehuman.obj.gz")).faces) == 26756
 
@@ -122,20 +115,9 @@ def test_bad_files(tmp_path, capfd):
     assert "Open3D" not in "".join(capfd.readouterr())
 
 
-@pytest.mark.parametrize("path", [None, 3, b"square.ply", ["square.ply"]], ids=str)
-def test_paths_that_are_none(path):
-    for use in (ibr.Mesh.load, ibr.Mesh(CORNERS, FACES).save):
-        with pytest.raises(ibr.ArgumentError, match=r"^path: expected a file's path, .* got "):
-            use(path)
-
-
 def test_saving_makes_the_folder(tmp_path, capfd):
-    mesh = ibr.Mesh(CORNERS, FACES)
-    mesh.save(tmp_path / "new" / "folder" / "square.ply")
+    ibr.Mesh(CORNERS, FACES).save(tmp_path / "new" / "folder" / "square.ply")
     assert len(ibr.Mesh.load(tmp_path / "new" / "folder" / "square.ply").faces) == 2
-    (tmp_path / "file").touch()
-    with pytest.raises(ibr.FileFormatError, match="not a folder"):
-        mesh.save(tmp_path / "file" / "square.ply")
     assert not capfd.readouterr().err
 
 

@@ -71,19 +71,13 @@ def test_gltf_factors_are_linear_and_multiply_the_vertices_colours(tmp_path: Pat
     """In sRGB, 188 is half as much light as 255."""
     halves = np.full((3, 4), [0.5, 1, 1, 1], np.float32)
     surfaces = [{"baseColorFactor": [1, 0.5, 0, 1]}, {}]
+    primitives = [{"attributes": {"POSITION": 0}, "material": number} for number in (0, 0, 1)]
+    primitives[1]["attributes"] = {"POSITION": 0, "COLOR_0": 1}
     write_gltf(
         tmp_path / "m.gltf",
         [TRIANGLE, halves],
         accessors=[accessor(0, TRIANGLE, "VEC3"), accessor(1, halves, "VEC4")],
-        meshes=[
-            {
-                "primitives": [
-                    {"attributes": {"POSITION": 0}, "material": 0},
-                    {"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0},
-                    {"attributes": {"POSITION": 0}, "material": 1},
-                ]
-            }
-        ],
+        meshes=[{"primitives": primitives}],
         nodes=[{"mesh": 0}],
         materials=[{"pbrMetallicRoughness": surface} for surface in surfaces],
     )

@@ -30,8 +30,7 @@ def test_a_mesh_without_colours():
         made = ibr.Mesh.from_trimesh(mesh)
         np.testing.assert_array_equal(made.vertices, VERTICES)
         np.testing.assert_array_equal(made.faces, FACES)
-        assert made.colors is None
-        assert made.texture is None
+        assert made.colors is None and made.texture is None
 
 
 def test_colours_of_vertices_and_of_faces():
@@ -48,8 +47,7 @@ def test_a_texture_stands_upright(name):
     material = SimpleNamespace(**{name: Image.fromarray(TEXTURE).convert("RGBA")})
     made = ibr.Mesh.from_trimesh(like(kind="texture", uv=UV, material=material))
     np.testing.assert_array_equal(made.texture, TEXTURE)
-    frame = ibr.render(made, CAMERA)
-    upper_left, upper_right, lower_left = frame.color[[3, 3, -4], [3, -4, 3]]
+    upper_left, upper_right, lower_left = ibr.render(made, CAMERA).color[[3, 3, -4], [3, -4, 3]]
     assert (upper_left.argmax(), upper_right.argmax(), lower_left.argmax()) == (0, 1, 2)
 
 

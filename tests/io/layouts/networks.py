@@ -9,10 +9,10 @@ import numpy as np
 
 from tests.io.layouts.wall import K, png, rendered, text
 
+NAMES = ("image", "depth", "conf", "extrinsics", "intrinsics")
 
-def depth_anything(
-    folder: Path, names: tuple[str, ...] = ("image", "depth", "conf", "extrinsics", "intrinsics")
-) -> None:
+
+def depth_anything(folder: Path, names: tuple[str, ...] = NAMES) -> None:
     scene = rendered()
     depth = np.array(scene.depths, np.float32)
     sure = np.full(depth.shape, 5, np.float32)

@@ -62,11 +62,8 @@ def scanner_app(folder: Path) -> None:
     """All frames have depth, but only some have pictures."""
     stray(folder / "it")
     for number, one in enumerate([POSES[0], np.eye(4), POSES[1]]):
-        told = {
-            "intrinsics": K.ravel().tolist(),
-            "cameraPoseARFrame": (one @ GL).ravel().tolist(),
-            "frame_index": number,
-        }
+        told = {"intrinsics": K.ravel().tolist(), "cameraPoseARFrame": (one @ GL).ravel().tolist()}
+        told["frame_index"] = number
         text(folder / f"frame_{number:05d}.json", json.dumps(told))
         stem = f"{number // 2:06d}.png"
         for kind, name in (("depth", "depth"), ("confidence", "conf")):
