@@ -1,4 +1,4 @@
-"""Opens pages in headless Chromium, and reads the pictures that they show."""
+"""Opens pages in headless Chromium, reads the pictures that they show, and finds addresses of listening processes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from tools import browser
 from tools.browser import CHROMIUM, PANEL
 
 HARMLESS = "Unable to preventDefault inside passive event listener invocation."  # viser's, at each drag
+
+LOOPBACK = {"0100007F"}
+"""127.0.0.1, in the format of `listeners`."""
 
 PATIENCE = 90.0  # seconds to wait at most; long, for busy machines
 
@@ -193,3 +197,20 @@ def settles_on(
 def decoded(text: str) -> NDArray[np.uint8]:
     """Decode a picture from base64."""
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"))
+
+
+def listeners(pid: int | str = "self") -> set[str]:
+    """Addresses on which a process listens, as /proc writes them: hexadecimal, with the last byte of IPv4 first."""
+    own: set[str] = set()
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            own.add(str(link.readlink()))
+        except FileNotFoundError:  # the descriptor by which the folder was listed is closed by now
+            continue
+    found: set[str] = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            columns = line.split()
+            if columns[3] == "0A" and f"socket:[{columns[9]}]" in own:
+                found.add(columns[1].split(":")[0])
+    return found

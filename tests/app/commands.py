@@ -25,6 +25,12 @@ def succeeded(result: Result) -> str:
     return result.stdout
 
 
+def assert_refused(result: Result, *words: str) -> None:
+    """Assert that a command fails with a message that holds these words, in one line or in a box of several lines."""
+    assert result.exit_code == 2 and "Traceback" not in result.stderr, result.output
+    assert all(word in result.stderr for word in words), result.stderr
+
+
 def assert_one_line(result: Result, *words: str, progress: str | None = None) -> None:
     """Assert that a command fails with one line on standard error, at most below a progress bar with this name."""
     assert result.exit_code == 2, result.output

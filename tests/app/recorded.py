@@ -36,15 +36,13 @@ class Recorded:
         rows = [" ".join(map(str, camera.world_from_camera[:3].ravel())) for camera in self.cameras]
         (folder / "poses.txt").write_text("\n".join(rows))
 
-    def views(self) -> list[ibr.DepthImage]:
-        read = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in range(COUNT)]
-        return [ibr.DepthImage(*frame) for frame in zip(self.colors, read, self.cameras, strict=True)]
+    def depth(self, number: int) -> np.ndarray:
+        return ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE)
 
-    def views_but(self, lost: int) -> list[ibr.DepthImage]:
-        """The views of all frames except number `lost`."""
-        read = [number for number in range(COUNT) if number != lost]
-        depths = [ibr.read_depth(self.folder / f"depth/{number}.png", depth_scale=SCALE) for number in read]
-        return [ibr.DepthImage(self.colors[k], z, self.cameras[k]) for k, z in zip(read, depths, strict=True)]
+    def views(self, but: int | None = None) -> list[ibr.DepthImage]:
+        """The views of all frames, or of all except one."""
+        read = [number for number in range(COUNT) if number != but]
+        return [ibr.DepthImage(self.colors[k], self.depth(k), self.cameras[k]) for k in read]
 
     def run(self, *words: object, camera: object = "camera.json", output: object = "new.png"):
         """Run `pyibr warp`; words that name files in the folder become their paths."""
@@ -53,3 +51,8 @@ class Recorded:
 
     def new(self, number: int) -> np.ndarray:
         return ibr.read_color(self.folder / f"new_{number:04d}.png")
+
+    def shows(self, frame: ibr.Frame, number: int | None = None) -> None:
+        """Assert that the new picture, or the one with this number, is the frame's."""
+        shown = ibr.read_color(self.folder / "new.png") if number is None else self.new(number)
+        np.testing.assert_array_equal(shown, frame.color)

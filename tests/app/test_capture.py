@@ -13,6 +13,7 @@ import pyibr as ibr
 from pyibr.capture import capture, models, object_views
 from pyibr.capture.frusta import Frustum, Stroke, save_frusta
 from tests.app import commands
+from tests.app.commands import succeeded
 
 run = partial(commands.run, "capture")
 
@@ -32,11 +33,10 @@ def assert_same(found: list[ibr.DepthImage], expected: list[ibr.DepthImage]) -> 
 
 
 def test_from_all_round(mesh: Path, tmp_path: Path):
-    result = run(mesh, "--size", 40, "--projection", "perspective", "-o", tmp_path / "set", "--json")
-    assert result.exit_code == 0, result.output
+    out = succeeded(run(mesh, "--size", 40, "--projection", "perspective", "-o", tmp_path / "set", "--json"))
     expected = object_views(ibr.Mesh.load(mesh), 40, projection="perspective")
     assert_same(ibr.load(tmp_path / "set"), expected)
-    told = json.loads(result.stdout)
+    told = json.loads(out)
     assert told["written"] == [str(tmp_path / "set")] and (told["frames"], told["size"]) == (6, [40, 40])
     assert told["covered"] == pytest.approx(np.mean([view.valid.mean() for view in expected]))
 
@@ -48,8 +48,7 @@ def test_from_cameras_of_a_file_or_of_a_set(mesh: Path, tmp_path: Path):
     result = run(mesh, "--camera", tmp_path / "list.json", "--layer", "last", "-o", tmp_path / "set")
     assert result.exit_code == 0 and "camera 1 does not see the mesh; left out" in result.stderr
     assert_same(ibr.load(tmp_path / "set"), [capture(ibr.Mesh.load(mesh), cameras[0], layer="last")])
-    result = run(mesh, "--camera", tmp_path / "set", "-o", tmp_path / "again")
-    assert result.exit_code == 0, result.output
+    succeeded(run(mesh, "--camera", tmp_path / "set", "-o", tmp_path / "again"))
     assert_same(ibr.load(tmp_path / "again"), [capture(ibr.Mesh.load(mesh), cameras[0])])
 
 
@@ -57,8 +56,7 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
     """Images have the frusta's far planes and painted masks."""
     frustum = Frustum.look_at((0, 1, 3), (0, 0, 0), (0, 1, 0), 30, far=3.2).painted(Stroke(((0.5, 0.5),), 0.2))
     save_frusta(tmp_path / "frusta.json", [frustum])
-    result = run(mesh, "--frusta", tmp_path / "frusta.json", "--size", 44, "-o", tmp_path / "set")
-    assert result.exit_code == 0, result.output
+    succeeded(run(mesh, "--frusta", tmp_path / "frusta.json", "--size", 44, "-o", tmp_path / "set"))
     (found,) = ibr.load(tmp_path / "set")
     expected = frustum.resized(44).capture(ibr.Mesh.load(mesh))
     assert found.far == 3.2 and found.camera.size == (44, 44)
@@ -72,15 +70,9 @@ def test_from_frusta(mesh: Path, tmp_path: Path):
         (("donut.ply", "--camera", "gone.json"), ("gone.json",)),
         (("donut.ply", "--frusta", "gone.json"), ("gone.json",)),
         (("donut.ply", "--frusta", "donut.ply"), ("donut.ply",)),
-        (
-            ("donut.ply", "--camera", "away.json", "--frusta", "away.json"),
-            ("--frusta: expected none together with --camera",),
-        ),
+        (("donut.ply", "--camera", "away.json", "--frusta", "away.json"), ("--frusta: expected none together with",)),
         (("donut.ply", "--camera", "away.json"), ("--camera: expected cameras that see the mesh", "got 1 that do not")),
-        (
-            ("donut.ply", "--camera", "away.json", "--size", "9"),
-            ("--size: expected none with --camera, which sets it",),
-        ),
+        (("donut.ply", "--camera", "away.json", "--size", "9"), ("--size: expected none with --camera, which sets",)),
         (("donut.ply", "--camera", "away.json", "--projection", "perspective"), ("--projection: expected none",)),
         (("donut.ply", "--layer", "last"), ("--layer: expected --camera with it",)),
         (("point.ply",), ("mesh: expected a mesh of some extent",)),
@@ -93,6 +85,5 @@ def test_mistakes_are_told(mesh: Path, tmp_path: Path, words, said):
     ibr.Camera.look_at((0, 50, 4), (0, 50, 0), (0, 1, 0), (31, 23), fov_y=45).save(tmp_path / "away.json")
     ibr.Mesh(np.ones((3, 3)), [[0, 1, 2]]).save(tmp_path / "point.ply")
     places = [tmp_path / word if "." in word else word for word in words]
-    result = run(*places, "-o", tmp_path / "set")
-    assert result.exit_code == 2 and not (tmp_path / "set").exists(), result.output
-    assert "Traceback" not in result.stderr and all(word in result.stderr for word in said), result.stderr
+    commands.assert_refused(run(*places, "-o", tmp_path / "set"), *said)
+    assert not (tmp_path / "set").exists()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from tests.app.commands import assert_one_line, run
+from tests.app.commands import assert_one_line, run, succeeded
 from tests.app.plane import SIZE, Scene
 from tests.processes import run_within
 
@@ -23,19 +23,17 @@ def shifted_by_five(scene: Scene) -> None:
 
 
 def test_move_along_a_plane_shifts_it(scene: Scene):
-    result = scene.run("--move", "0.2", "0", "0", "-o", scene.folder / "new.png")
-    assert result.exit_code == 0, result.output
-    assert re.search(r"new.png: 61x37, 9\d\.\d% covered", result.stdout)
+    out = succeeded(scene.run("--move", "0.2", "0", "0", "-o", scene.folder / "new.png"))
+    assert re.search(r"new.png: 61x37, 9\d\.\d% covered", out)
     shifted_by_five(scene)
 
 
 def test_to_another_camera_with_depth_and_mask(scene: Scene):
     scene.camera.moved(0.2, 0, -1).save(scene.folder / "to.json")
-    result = scene.run(
+    succeeded(scene.run(
         "--to", scene.folder / "to.json", "-o", scene.folder / "out" / "new.png",
         "--depth-out", scene.folder / "out" / "new.exr", "--valid-out", scene.folder / "out" / "valid.png",
-    )  # fmt: skip
-    assert result.exit_code == 0, result.output
+    ))  # fmt: skip
     depth = ibr.read_depth(scene.folder / "out" / "new.exr", depth_scale=1000)
     valid = ibr.read_color(scene.folder / "out" / "valid.png")[..., 0] == 255
     np.testing.assert_array_equal(np.isfinite(depth), valid)
@@ -44,17 +42,15 @@ def test_to_another_camera_with_depth_and_mask(scene: Scene):
 
 
 def test_orbit_keeps_the_point_at_the_median_depth_in_its_place(scene: Scene):
-    result = scene.run("--orbit", "-20", "-o", scene.folder / "new.png", "--depth-out", scene.folder / "new.npy")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run("--orbit", "-20", "-o", scene.folder / "new.png", "--depth-out", scene.folder / "new.npy"))
     assert ibr.read_depth(scene.folder / "new.npy", depth_scale=1000)[18, 30] == pytest.approx(2, rel=1e-3)
 
 
 def test_frames_go_from_the_source_to_the_end(scene: Scene):
-    result = scene.run(
+    succeeded(scene.run(
         "--move", "0.2", "0", "0", "--frames", "3", "-o", scene.folder / "f.png",
         "--depth-out", scene.folder / "d.png",
-    )  # fmt: skip
-    assert result.exit_code == 0, result.output
+    ))  # fmt: skip
     names = sorted(file.name for file in scene.folder.glob("[fd]_*.png"))
     assert names == [f"{kind}_{i:04d}.png" for kind in "df" for i in range(3)]
     np.testing.assert_array_equal(ibr.read_color(scene.folder / "f_0000.png"), scene.color)
@@ -65,8 +61,7 @@ def test_frames_go_from_the_source_to_the_end(scene: Scene):
 def test_an_empty_view_is_not_silent(scene: Scene):
     result = scene.run("--move", "0", "0", "5", "-o", scene.folder / "new.png", "--json")
     assert result.exit_code == 3, result.output
-    assert "is out of view" in result.stderr
-    assert json.loads(result.stdout)["covered"] == 0
+    assert "is out of view" in result.stderr and json.loads(result.stdout)["covered"] == 0
 
 
 def test_what_is_written_is_told_to_programs(scene: Scene):
@@ -89,34 +84,21 @@ def test_every_choice_reaches_the_warp(scene: Scene, monkeypatch: pytest.MonkeyP
         return [ibr.Frame(view.color, view.depth, view.valid, camera)]
 
     monkeypatch.setattr(ibr, "warp", fake)
-    result = scene.run(
+    succeeded(scene.run(
         "--orbit", "5", "-o", scene.folder / "new.png", "--method", "search", "--interpolation", "nearest",
         "--edges", "cut", "--cut-ratio", "1.5", "--fill", "background", "--side", "both", "--far", "9",
         "--blend", "nearest", "--samples", "9", "--thin",
-    )  # fmt: skip
-    assert result.exit_code == 0, result.output
-    assert seen == {
-        "method": "search",
-        "interpolation": "nearest",
-        "edges": "cut",
-        "cut_ratio": 1.5,
-        "fill": "background",
-        "side": "both",
-        "blend": "nearest",
-        "samples": 9,
-        "thin": True,
-        "far": 9.0,
-    }
+    ))  # fmt: skip
+    expected = {"method": "search", "interpolation": "nearest", "edges": "cut", "cut_ratio": 1.5, "fill": "background"}
+    assert seen == expected | {"side": "both", "blend": "nearest", "samples": 9, "thin": True, "far": 9.0}
 
 
 def test_a_backdrop_is_a_number_or_the_farthest(scene: Scene):
     asked = "--move", "0", "0", "0", "--far", "1", "--default-depth", "4", "--depth-out", scene.folder / "new.npy"
-    result = scene.run(*asked, "-o", scene.folder / "new.png")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run(*asked, "-o", scene.folder / "new.png"))
     np.testing.assert_allclose(np.load(scene.folder / "new.npy"), 4 * 1000, rtol=1e-5)
     result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", "--default-depth", "sky")
-    assert result.exit_code == 2
-    assert "pyibr: --default-depth: expected a depth > 0, farthest or none, got sky" in result.stderr
+    assert_one_line(result, "--default-depth: expected a depth > 0, farthest or none, got sky")
 
 
 def test_depth_edges_are_cut_unless_asked_otherwise(scene: Scene):
@@ -125,8 +107,8 @@ def test_depth_edges_are_cut_unless_asked_otherwise(scene: Scene):
     view, target = ibr.DepthImage(scene.color, depth, scene.camera), scene.camera.moved(0.2, 0, 0)
     pictures = []
     for asked, edges in (((), "cut"), (("--edges", "cut"), "cut"), (("--edges", "connect"), "connect")):
-        made = scene.run("--move", "0.2", "0", "0", *asked, "-o", scene.folder / "new.png", depth="step.npy", scale="")
-        assert made.exit_code == 0, made.output
+        words = ("--move", "0.2", "0", "0", *asked, "-o", scene.folder / "new.png")
+        succeeded(scene.run(*words, depth="step.npy", scale=""))
         pictures.append(ibr.read_color(scene.folder / "new.png"))
         np.testing.assert_array_equal(pictures[-1], ibr.warp(view, target, edges=edges).color)
     assert (pictures[0] != pictures[2]).any()
@@ -148,11 +130,10 @@ def test_exactly_one_new_camera(scene: Scene, choice, got):
 def test_integer_depth_asks_for_its_scale(scene: Scene):
     result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", scale=None)
     assert_one_line(result, "--depth-scale", "depth.png")
-    floats = scene.run("--orbit", "5", "-o", scene.folder / "new.png", depth="depth.npy", scale=None)
-    assert floats.exit_code == 0, floats.output
+    succeeded(scene.run("--orbit", "5", "-o", scene.folder / "new.png", depth="depth.npy", scale=None))
 
 
-def test_bad_files(scene: Scene):
+def test_bad_files_and_options(scene: Scene):
     out = ("--orbit", "5", "-o", scene.folder / "new.png")
     assert_one_line(scene.run(*out, depth="none.png"), "none.png", "no such file")
     for words in (["nowhere"], ["nowhere", scene.folder], [scene.folder / "color.png", "nowhere"]):
@@ -164,50 +145,24 @@ def test_bad_files(scene: Scene):
     assert_one_line(scene.run(*out, depth="half.png"), "half.png", "truncated")
     assert_one_line(scene.run("--to", scene.folder / "none.json", *out[2:]), "none.json")
     assert_one_line(scene.run(*out[:3], scene.folder / "new.xyz"), "new.xyz", "no image format")
-    assert not (scene.folder / "new.png").exists()
-
-
-def test_sizes_that_do_not_match(scene: Scene):
-    scene.camera.resized((37, 61)).save(scene.folder / "other.json")
-    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", camera="other.json")
-    assert_one_line(result, "--camera: expected a camera of 61x37 pixels", "got a camera of 37x61")
-
-
-def test_no_valid_depth(scene: Scene):
     ibr.write_depth(scene.folder / "holes.npy", np.full_like(scene.depth, np.nan))
-    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", depth="holes.npy")
-    assert_one_line(result, "depth: expected at least one valid sample")
-
-
-def test_frames_need_a_path(scene: Scene):
-    result = scene.run("--to", scene.folder / "camera.json", "--frames", "3", "-o", scene.folder / "new.png")
-    assert_one_line(result, "--frames")
+    assert_one_line(scene.run(*out, depth="holes.npy"), "depth: expected at least one valid sample")
+    assert_one_line(scene.run("--to", scene.folder / "camera.json", "--frames", "3", *out[2:]), "--frames")
+    assert_one_line(scene.run(*out, "--device", "abacus"), "abacus")
+    assert not (scene.folder / "new.png").exists()
 
 
 @pytest.mark.parametrize("frames", [0, 10**9])
 def test_frames_out_of_range(scene: Scene, frames: int):
     """The numbers are refused at once; listing so many names of files would take minutes."""
     result = scene.run("--orbit", "5", "--frames", frames, "-o", scene.folder / "new.png")
-    assert result.exit_code == 2
-    assert "--frames" in result.output
+    assert result.exit_code == 2 and "--frames" in result.output
 
 
-def test_unknown_device(scene: Scene):
-    result = scene.run("--orbit", "5", "-o", scene.folder / "new.png", "--device", "abacus")
-    assert_one_line(result, "abacus")
-
-
-@pytest.mark.parametrize(
-    "command", ["warp", "stereo", "quilt", "orbit", "mesh", "object", "hull", "compare", "convert", "doctor"]
-)
-def test_help_shows_an_example(command):
-    result = run(command, "--help", env={"COLUMNS": "200", "TERM": "dumb"})
-    assert result.exit_code == 0
-    assert f"Example: pyibr {command}" in result.stdout
-
-
-def test_version():
-    assert run("--version").stdout == f"pyibr {ibr.__version__}\n"
+def test_help_shows_an_example():
+    for command in ("warp", "stereo", "quilt", "orbit", "mesh", "object", "hull", "compare", "convert", "doctor"):
+        shown = succeeded(run(command, "--help", env={"COLUMNS": "200", "TERM": "dumb"}))
+        assert f"Example: pyibr {command}" in shown
 
 
 @pytest.mark.parametrize(("works", "code"), [(True, 0), (False, 1)])
@@ -224,9 +179,7 @@ def test_importing_brings_nothing_heavy():
 
 
 def test_warp_is_the_function_whatever_was_imported_before():
-    code = (
-        "import pyibr.warp.warp, pyibr as ibr, importlib; importlib.import_module('pyibr.warp.warp'); print(ibr.warp)"
-    )
+    code = "import pyibr.warp.warp, pyibr, importlib; importlib.import_module('pyibr.warp.warp'); print(pyibr.warp)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("<function warp")
 
@@ -262,3 +215,40 @@ main()
 """
     done = run_within(60, [sys.executable, "-c", code, "--help"])
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+# ---- pyibr mesh
+
+
+@pytest.mark.parametrize("kind", ["glb", "obj", "ply"])
+def test_a_plane_becomes_few_triangles(scene: Scene, kind):
+    file = scene.folder / f"plane.{kind}"
+    out = succeeded(scene.run("--max-error", "0.001", "-o", file, command="mesh"))
+    made = ibr.Mesh.load(file)
+    assert f"plane.{kind}: {len(made.faces)} triangles" in out and len(made.faces) == 2
+    low, high = scene.camera.unproject([[-0.5, -0.5], [60.5, 36.5]], [2, 2])  # to the pixels' outer edges
+    np.testing.assert_allclose(made.bounds, [low, high], atol=1e-6)
+    assert (made.texture is None) == (kind == "ply") and (made.colors is None) == (kind != "ply")
+
+
+def test_a_step_becomes_a_number_of_triangles(scene: Scene):
+    depth = np.where(np.arange(61) < 30, 1.0, 2.0) * np.ones((37, 1))
+    np.save(scene.folder / "step.npy", depth.astype(np.float32))
+    made = []
+    for words in (("--max-error", "0.1"), ("--count", "9"), ("--count", "9", "--max-error", "0.1")):
+        file = scene.folder / "step.ply"
+        succeeded(scene.run(*words, "-o", file, command="mesh", depth="step.npy", scale=""))
+        made.append(len(ibr.Mesh.load(file).faces))
+    assert made[0] > 36 and made[1] <= 9 and made[2] <= 9  # the quadtree has many at the step
+
+
+def test_bad_meshes(scene: Scene):
+    assert_one_line(scene.run("-o", scene.folder / "a.glb", command="mesh"), "--max-error", "count")
+    assert_one_line(scene.run("--count", "0", "-o", scene.folder / "a.glb", command="mesh"), "--count", "0")
+    assert_one_line(scene.run("--max-error", "-1", "-o", scene.folder / "a.glb", command="mesh"), "--max-error", ">= 0")
+    result = scene.run("--max-error", "1", "-o", scene.folder / "a.stl", command="mesh")
+    assert_one_line(result, "--output", "a.stl")
+    result = scene.run("--max-error", "1", "-o", scene.folder / "a.glb", command="mesh", scale="")
+    assert_one_line(result, "--depth-scale")
+    result = scene.run("--max-error", "1", "-o", scene.folder / "a.glb", "--far", "1e-9", command="mesh")
+    assert_one_line(result, "DEPTH", "valid depth")

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import pyibr as ibr
-from tests.app.commands import assert_one_line, run
+from tests.app.commands import assert_one_line, run, succeeded
 from tests.app.plane import SIZE, Scene
 
 
@@ -23,8 +23,7 @@ def test_depth_of_another_size_wants_its_own_camera(scene: Scene, clean: tuple[s
     result = scene.run(*words, depth="small.npy", scale=None)
     assert_one_line(result, "depth: expected 61x37 samples", "or give --depth-camera", "got 31x19")
     scene.camera.resized((31, 19)).save(scene.folder / "small.json")
-    result = scene.run(*words, "--depth-camera", scene.folder / "small.json", depth="small.npy", scale=None)
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run(*words, "--depth-camera", scene.folder / "small.json", depth="small.npy", scale=None))
     new = ibr.read_color(scene.folder / "new.png").astype(int)
     # The depth of the plane is known for 30 x 18 of its samples: for the whole picture except the margins.
     assert (np.abs(new[2:-2, 2:-8] - scene.color[2:-2, 7:-3]) <= 1).all()
@@ -38,8 +37,7 @@ def test_depth_may_be_stored_in_other_kinds(scene: Scene, kind: str):
     expected, depth = ibr.read_color(new), ibr.read_depth(out, depth_scale=1000)
     target = scene.camera.moved(0.2, 0, 0.1)
     ibr.write_depth(scene.folder / "other.npy", scene.depth, depth_scale=1000, depth_kind=kind, camera=scene.camera)
-    result = scene.run(*move, "-o", new, "--depth-out", out, "--depth-kind", kind, depth="other.npy")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run(*move, "-o", new, "--depth-out", out, "--depth-kind", kind, depth="other.npy"))
     assert (np.abs(ibr.read_color(new).astype(int) - expected) <= 1).all()
     np.testing.assert_allclose(ibr.read_depth(out, depth_scale=1000, depth_kind=kind, camera=target), depth, rtol=1e-5)
     mesh = scene.folder / "new.ply"
@@ -56,16 +54,13 @@ def test_cameras_of_files_have_their_lenses(scene: Scene):
     lens = ibr.Lens("brown_conrady", [-0.2, 0.05, 0, 0])
     ibr.Camera(scene.camera.K, SIZE, lens=lens).save(scene.folder / "bent.json")
     new, depth = scene.folder / "new.png", scene.folder / "depth_new.npy"
-    result = scene.run("--move", "0.2", "0", "0.1", "-o", new, "--depth-out", depth, camera="bent.json")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run("--move", "0.2", "0", "0.1", "-o", new, "--depth-out", depth, camera="bent.json"))
     view = ibr.DepthImage(scene.color, scene.depth, ibr.Camera.load(scene.folder / "bent.json"))
     frame = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
     np.testing.assert_array_equal(ibr.read_color(new), frame.color)
     np.testing.assert_allclose(ibr.read_depth(depth, depth_scale=1000)[frame.valid], 1.9, rtol=1e-6)
-    result = scene.run("--to", scene.folder / "camera.json", "-o", new, camera="bent.json")
-    assert result.exit_code == 0, result.output
-    result = scene.run("--max-error", "0.01", "-o", scene.folder / "new.ply", camera="bent.json", command="mesh")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run("--to", scene.folder / "camera.json", "-o", new, camera="bent.json"))
+    succeeded(scene.run("--max-error", "0.01", "-o", scene.folder / "new.ply", camera="bent.json", command="mesh"))
 
 
 def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
@@ -79,11 +74,7 @@ def test_a_photo_without_a_camera_gets_one_that_is_told(scene, tmp_path):
     exif.get_ifd(0x8769).update({0x920A: 4.0, 0xA20E: 1000.0, 0xA210: 3, 0xA002: 2 * SIZE[0]})
     Image.fromarray(scene.color).save(of_plane, exif=exif)
     cases = (
-        (
-            [],
-            ibr.Camera.from_fov(SIZE, fov_x=60),
-            "assumed 60 degrees across; else set --camera, --fov or --focal-35mm",
-        ),
+        ([], ibr.Camera.from_fov(SIZE, fov_x=60), "assumed 60 degrees across; else set --camera, --fov or --focal-35"),
         (["--fov", 90], ibr.Camera.from_fov(SIZE, fov_x=90), ""),
         (["--focal-35mm", 50], ibr.Camera.from_fov(SIZE, focal_35mm=50), ""),
         ([photo], ibr.Camera.from_fov(SIZE, focal_35mm=26), "lens of 26 mm (on 35 mm film) by its EXIF data"),
@@ -111,9 +102,7 @@ def test_relative_depth_is_sharpened_and_lies_between_near_and_far(scene, tmp_pa
         file = tmp_path / f"level.{suffix}"
         np.save(file, values) if suffix == "npy" else Image.fromarray(values).save(file)
         line = ["--depth-is", "relative", "--near", 2, "--move", 0, 0, 0, "-o", tmp_path / "n.png", "--depth-out", new]
-        result = scene.run(*line, "--far", 8, depth=file, scale=None)
-        assert result.exit_code == 0, result.output
-        assert "depth from 2 to 8" in result.stdout
+        assert "depth from 2 to 8" in succeeded(scene.run(*line, "--far", 8, depth=file, scale=None))
         depth = ibr.read_depth(new)
         assert set(np.unique(depth.round(3))) == {2, 8}  # no depths between the two surfaces remain
         result = scene.run(*line, "--no-sharpen", depth=file, scale=None)
@@ -141,7 +130,6 @@ def test_a_camera_of_a_file_is_named_behind_it(scene, tmp_path):
     data = {"left": scene.camera.to_json(), "right": scene.camera.moved(0.1, 0, 0).to_json()}
     (tmp_path / "rig.json").write_text(json.dumps(data))
     for name in ("left", "right"):
-        result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / f"{name}.png", camera=f"rig.json#{name}")
-        assert result.exit_code == 0, result.output
+        succeeded(scene.run("--move", 0.1, 0, 0, "-o", tmp_path / f"{name}.png", camera=f"rig.json#{name}"))
     result = scene.run("--move", 0.1, 0, 0, "-o", tmp_path / "n.png", camera="rig.json")
     assert_one_line(result, "expected one camera, as ", "rig.json#NAME; got left, right")

@@ -38,8 +38,7 @@ def test_pictures_show_light_as_srgb_and_tell_what_is_clipped(run, stops, half, 
     done, new = run("n.png", "--depth-channel", "far.Z", "--exposure", stops)
     assert done.exit_code == 0, done.output
     shown = ibr.read_color(new)
-    assert shown[1, 3].tolist() == [half] * 3
-    assert shown[4, 5].tolist() == [255] * 3
+    assert shown[1, 3].tolist() == [half] * 3 and shown[4, 5].tolist() == [255] * 3
     assert ("1.10% of all pixels are brighter than 1 and clipped" in done.stderr) == clipped
 
 
@@ -61,8 +60,7 @@ def test_exr_from_exr_is_light_again(run):
 
 def test_depth_channels_are_asked_for(run):
     done, _ = run("n.png")
-    assert done.exit_code == 2
-    assert "no channel called depth or Z" not in done.stderr
+    assert done.exit_code == 2 and "no channel called depth or Z" not in done.stderr
     assert "several layers with depth: far, near; name one" in " ".join(done.stderr.split())
     done, _ = run("m.glb", "--depth-channel", "nearer.Z", command=("mesh", "--max-error", "0.1"))
     assert "no channel 'nearer.Z' among" in " ".join(done.stderr.split())

@@ -18,7 +18,7 @@ from pyibr.capture.coverage import surface_of, unseen_share
 from pyibr.capture.frusta import load_frusta, save_frusta
 from pyibr.io import write_relief_map
 from tests.app import commands
-from tests.app.commands import assert_one_line, places
+from tests.app.commands import assert_one_line, places, succeeded
 from tests.io.layouts import SPECIMENS
 
 
@@ -62,9 +62,7 @@ def run(folder: Path, *words: object):
 
 def test_each_kind_of_thing_is_shown(folder, seen):
     def shown(*words: object):
-        result = run(folder, "view", *words, "--port", 0)
-        assert result.exit_code == 0, result.output
-        assert result.stdout.startswith("http://127.0.0.1:")
+        assert succeeded(run(folder, "view", *words, "--port", 0)).startswith("http://127.0.0.1:")
         return seen.pop()
 
     things, start, up, _ = shown("donut.glb")
@@ -83,8 +81,7 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     assert [type(thing) for thing in things] == [ibr.DepthImage] * 2
     assert start == ibr.Camera.load(folder / "camera.json")
     things = shown("color.png", "depth.npy", "--camera", "camera.json", "--far", "9", "donut.ply")[0]
-    assert [type(thing) for thing in things] == [ibr.DepthImage, ibr.Mesh]
-    assert things[0].far == 9
+    assert [type(thing) for thing in things] == [ibr.DepthImage, ibr.Mesh] and things[0].far == 9
     with_noise = shown("color.png", "depth.npy", "--camera", "camera.json", "--clean")[0]
     assert [type(thing) for thing in with_noise] == [ibr.DepthImage]
     told = shown("color.png", "depth.npy", "room", "--camera", "camera.json", "--noise", 2, "--baseline", 0.1)[0]
@@ -98,15 +95,12 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     things = shown("color.png", "depth.npy", "--camera", "camera.json", "--depth-kind", "inverse")[0]
     for thing, depth in zip((*things, *halves), (0.5, 2, 0.5, 0.5), strict=True):
         assert (thing.depth == depth).all()
-    named = shown("donut.glb", "--height", "height.png", "--color", "color.png", "--scale", "0.1", "--tiles", "3", "2")[
-        0
-    ]
+    displaced = ("donut.glb", "--height", "height.png", "--scale", "0.1")
+    named = shown(*displaced, "--color", "color.png", "--tiles", "3", "2")[0]
     assert [type(named[name]) for name in ("relief", "slices")] == [ibr.ReliefSurface, ibr.SlicedSurface]
     assert named["slices"].tiles == (3, 2)
-    named = shown("donut.glb", "--height", "height.png", "--scale", "0.1", "--wrap", "clamp")[0]
-    assert [thing.wrap for thing in named.values()] == [("clamp", "clamp")] * 2
-    named = shown("donut.glb", "--height", "height.png", "--scale", "0.1", "--wrap", "repeat,clamp")[0]
-    assert [thing.wrap for thing in named.values()] == [("repeat", "clamp")] * 2
+    for wrap, both in (("clamp", ("clamp", "clamp")), ("repeat,clamp", ("repeat", "clamp"))):
+        assert [thing.wrap for thing in shown(*displaced, "--wrap", wrap)[0].values()] == [both] * 2
 
 
 def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
@@ -120,17 +114,12 @@ def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
     write_relief_map(folder / "opaque.png", normals, np.full((8, 8), 255, np.uint8))
     Image.fromarray(np.dstack([heights] * 3 + [255 - heights])).save(folder / "gray.png")
     red = ibr.read_color(folder / "opaque.png")[..., 0]
-    for name, expected, is_relief_map in (
-        ("relief.png", heights, True),
-        ("opaque.png", red, False),
-        ("gray.png", heights, False),
-    ):
-        result = run(folder, "view", "painted.glb", "--height", name, "--scale", "0.1", "--port", 0)
-        assert result.exit_code == 0, result.output
+    for name, expected in (("relief.png", heights), ("opaque.png", red), ("gray.png", heights)):
+        succeeded(run(folder, "view", "painted.glb", "--height", name, "--scale", "0.1", "--port", 0))
         for thing in seen.pop()[0].values():
             np.testing.assert_allclose(thing.height, expected / 255, atol=1e-6)
             np.testing.assert_array_equal(thing.color, own)
-            assert (thing.normal_map is not None) == is_relief_map
+            assert (thing.normal_map is not None) == (name == "relief.png")
 
 
 def test_what_is_wrong_is_said_in_one_line(folder):
@@ -156,22 +145,19 @@ def test_without_viser_the_package_is_named(folder, monkeypatch: pytest.MonkeyPa
 
 def test_a_set_is_proposed_and_saved_without_a_page(folder, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(surface_of.__kwdefaults__, "count", 4000)  # a tenth of the points
-    result = run(folder, "place", "donut.ply", "--auto", 3, "--size", 64, "--no-page", "-o", str(folder / "set"))
-    assert result.exit_code == 0, result.output
+    words = ("--auto", 3, "--size", 64, "--no-page", "-o", str(folder / "set"))
+    out = succeeded(run(folder, "place", "donut.ply", *words))
     frusta, about = load_frusta(folder / "set")
-    assert about == {"side": "front"}
-    assert len(frusta) == len(ibr.load(folder / "set")) == 3
+    assert about == {"side": "front"} and len(frusta) == len(ibr.load(folder / "set")) == 3
     mesh = ibr.Mesh.load(folder / "donut.ply")
     surface = surface_of(mesh)
     share = unseen_share(surface, [surface.seen(one.capture(mesh)) for one in frusta])
-    assert f"set: 3 frusta, {share:.1%} of the surface unseen" in result.stdout
+    assert f"set: 3 frusta, {share:.1%} of the surface unseen" in out
     save_frusta(folder / "two.json", frusta[:2], side="both")
     more = ("--frusta", "two.json", "--auto", 1, "--size", 32, "--no-page", "-o", str(folder / "more"))
-    result = run(folder, "place", "donut.ply", *more)
-    assert result.exit_code == 0, result.output
+    succeeded(run(folder, "place", "donut.ply", *more))
     again, about = load_frusta(folder / "more")
-    assert about == {"side": "both"}
-    assert again[:2] == [one.resized(32) for one in frusta[:2]]
+    assert about == {"side": "both"} and again[:2] == [one.resized(32) for one in frusta[:2]]
     assert len(again) == 3
 
 
@@ -179,16 +165,14 @@ def test_a_set_is_proposed_and_saved_without_a_page(folder, monkeypatch: pytest.
 def test_a_part_is_covered_and_the_set_says_which(folder):
     words = ("--auto", 2, "--size", 32, "--no-page", "-o")
     box = (-2.0, -2.0, 2.0, 0.0, 2.0, -2.0)  # two corners, in any order
-    result = run(folder, "place", "donut.ply", *words, str(folder / "half"), "--within", *box)
-    assert result.exit_code == 0, result.output
+    out = succeeded(run(folder, "place", "donut.ply", *words, str(folder / "half"), "--within", *box))
     frusta, about = load_frusta(folder / "half")
     assert about == {"side": "front", "within": [[-2.0, -2.0, -2.0], [0.0, 2.0, 2.0]]}
     mesh = ibr.Mesh.load(folder / "donut.ply")
     surface = surface_of(mesh, within=about["within"])
     share = unseen_share(surface, [surface.seen(one.capture(mesh)) for one in frusta])
-    assert f"half: 2 frusta, {share:.1%} of the surface unseen" in result.stdout
-    result = run(folder, "place", "donut.ply", "--frusta", str(folder / "half"), *words, str(folder / "more"))
-    assert result.exit_code == 0, result.output
+    assert f"half: 2 frusta, {share:.1%} of the surface unseen" in out
+    succeeded(run(folder, "place", "donut.ply", "--frusta", str(folder / "half"), *words, str(folder / "more")))
     assert load_frusta(folder / "more")[1] == about
     result = run(folder, "place", "donut.ply", *words, str(folder / "no"), "--within", 5, 5, 5, 6, 6, 6)
     assert_one_line(result, "within", "some of the surface")
@@ -209,8 +193,7 @@ def test_in_a_notebook_pages_show_themselves():
     with ibr.view(models.donut(12), port=0) as pages:
         assert f'<iframe src="{pages.url}"' in pages._repr_html_()
         assert repr(pages) == f"<Pages {pages.url}>"
-    assert pages.closed
-    assert "iframe" not in pages._repr_html_()
+    assert pages.closed and "iframe" not in pages._repr_html_()
     pages.close()
 
 

@@ -16,7 +16,7 @@ from pyibr.app.view.paths import CameraPath
 from pyibr.capture import models
 from pyibr.capture.rigs import framed
 from pyibr.capture.stereo import depth_range_of
-from tests.app.commands import assert_one_line, run
+from tests.app.commands import assert_one_line, run, succeeded
 from tests.app.plane import Scene
 from tests.app.recorded import COUNT, SCALE, Recorded
 from tests.app.recorded import SIZE as RECORDED
@@ -27,43 +27,29 @@ def test_a_picture_is_that_of_the_library(scene: Scene):
     ibr.write_depth(scene.folder / "depth.npy", depth)
     view = ibr.DepthImage(scene.color, depth, scene.camera)
     new = scene.folder / "new.png"
-    result = scene.run("-o", new, "--divergence", 5, depth="depth.npy", scale=None, command="stereo")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run("-o", new, "--divergence", 5, depth="depth.npy", scale=None, command="stereo"))
     np.testing.assert_array_equal(ibr.read_color(new), ibr.stereo(view, divergence=5))
     words = ("--grid", 3, 2, "--size", 20, 30, "-o", scene.folder)
-    result = scene.run(*words, depth="depth.npy", scale=None, command="quilt")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run(*words, depth="depth.npy", scale=None, command="quilt"))
     found = ibr.read_color(scene.folder / "color_qs3x2a0.6667.png")
     np.testing.assert_array_equal(found, ibr.quilt(view, grid=(3, 2), size=(20, 30)))
 
 
 @pytest.mark.parametrize(
     ("layout", "name", "size"),
-    [
-        ("full-sbs", "color_LRF_Full_SBS", (122, 37)),
-        ("half-tb", "color_TB", (61, 36)),
-        ("gray", "color_redcyan", (61, 37)),
-    ],
+    [("full-sbs", "LRF_Full_SBS", (122, 37)), ("half-tb", "TB", (61, 36)), ("gray", "redcyan", (61, 37))],
 )
 def test_names_tell_players_the_layout(scene: Scene, layout: str, name: str, size: tuple[int, int]):
-    assert scene.run("--layout", layout, "-o", scene.folder, command="stereo").exit_code == 0
-    assert ibr.read_color(scene.folder / f"{name}.png").shape[1::-1] == size
+    succeeded(scene.run("--layout", layout, "-o", scene.folder, command="stereo"))
+    assert ibr.read_color(scene.folder / f"color_{name}.png").shape[1::-1] == size
 
 
 def test_a_film_has_one_range_of_depth(tmp_path: Path):
     """The first frame with depth gives the range. Frames without depth become black, and are reported."""
     made = Recorded(tmp_path)
     ibr.write_depth(tmp_path / "depth/0.png", np.full(RECORDED[::-1], np.nan, np.float32), depth_scale=SCALE)
-    words = [
-        "--camera",
-        tmp_path / "cameras",
-        "--depth-scale",
-        SCALE,
-        "--layout",
-        "full-tb",
-        "-o",
-        tmp_path / "new.mkv",
-    ]
+    words = ["--camera", tmp_path / "cameras", "--depth-scale", SCALE, "--layout", "full-tb"]
+    words += ["-o", tmp_path / "new.mkv"]
     result = run("stereo", tmp_path / "rgb", tmp_path / "depth", *words)
     assert result.exit_code == 0, result.output
     assert "1 of 4 pictures are empty" in result.stderr
@@ -96,8 +82,7 @@ def test_mistakes_are_told_in_a_line(scene: Scene):
 
 def test_a_turntable_is_that_of_the_library(scene: Scene):
     view = ibr.DepthImage(scene.color, scene.depth, scene.camera)
-    result = scene.run("--swing", 9, "--frames", 3, "-o", scene.folder / "turn.png", command="orbit")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run("--swing", 9, "--frames", 3, "-o", scene.folder / "turn.png", command="orbit"))
     for number, frame in enumerate(ibr.turntable(view, 3, swing=9)):
         np.testing.assert_array_equal(ibr.read_color(scene.folder / f"turn_{number:04d}.png"), frame.color)
 
@@ -107,8 +92,7 @@ def test_a_path_goes_through_its_cameras(scene: Scene):
     ends = [scene.camera, scene.camera.moved(0, 0, -2)]
     (scene.folder / "path.json").write_text(json.dumps(CameraPath(ends).to_json()))
     words = ("--path", scene.folder / "path.json", "--frames", 2, "--fill", "none", "--size", 30, 18)
-    result = scene.run(*words, "-o", scene.folder / "a.png", command="orbit")
-    assert result.exit_code == 0, result.output
+    succeeded(scene.run(*words, "-o", scene.folder / "a.png", command="orbit"))
     view = ibr.DepthImage(scene.color, scene.depth, scene.camera)
     for number, camera in enumerate(ends):
         expected = ibr.warp(view, framed(camera, (30, 18))).color
@@ -135,5 +119,4 @@ def test_examples_of_help_run(command: str, scene: Scene, monkeypatch: pytest.Mo
         ibr.write_depth(f"depth/{number}.png", scene.depth[:36, :60], depth_scale=1000)
     models.donut(8).save("dragon.ply")
     for use in cli._EXAMPLES[command]:
-        result = run(command, *shlex.split(use))
-        assert result.exit_code == 0, result.output
+        succeeded(run(command, *shlex.split(use)))

@@ -10,7 +10,7 @@ from PIL import Image
 
 import pyibr as ibr
 from pyibr.capture import models, object_views
-from tests.app.commands import assert_one_line, run
+from tests.app.commands import assert_one_line, run, succeeded
 
 
 @pytest.fixture(scope="module")
@@ -32,16 +32,14 @@ def folder(views: list[ibr.DepthImage], tmp_path_factory: pytest.TempPathFactory
 def test_a_picture_is_that_of_the_object(folder: Path, views: list[ibr.DepthImage], tmp_path: Path):
     camera = ibr.Camera.look_at((1, 2, 4), (0, 0, 0), (0, 1, 0), (50, 40), fov_y=45)
     camera.save(tmp_path / "to.json")
-    result = run("object", folder, "--to", tmp_path / "to.json", "-o", tmp_path / "new.png")
-    assert result.exit_code == 0, result.output
+    out = succeeded(run("object", folder, "--to", tmp_path / "to.json", "-o", tmp_path / "new.png"))
     expected = ibr.render(ibr.DepthObject(views), camera)
     np.testing.assert_array_equal(ibr.read_color(tmp_path / "new.png"), expected.color)
-    assert f"new.png: 50x40, {expected.valid.mean():.1%} covered" in result.output
+    assert f"new.png: 50x40, {expected.valid.mean():.1%} covered" in out
 
 
 def test_a_turntable_turns_about_the_middle(folder: Path, views: list[ibr.DepthImage], tmp_path: Path):
-    result = run("object", folder, "--frames", 4, "-o", tmp_path / "turn.png")
-    assert result.exit_code == 0, result.output
+    succeeded(run("object", folder, "--frames", 4, "-o", tmp_path / "turn.png"))
     thing = ibr.DepthObject(views)
     for number in range(4):
         camera = views[0].camera.orbited(90.0 * number, thing.box.center)
@@ -51,18 +49,16 @@ def test_a_turntable_turns_about_the_middle(folder: Path, views: list[ibr.DepthI
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb", ".obj"])
 def test_a_mesh_is_the_objects(folder: Path, views: list[ibr.DepthImage], tmp_path: Path, suffix: str):
-    result = run("object", folder, "--resolution", 12, "-o", tmp_path / f"donut{suffix}")
-    assert result.exit_code == 0, result.output
+    out = succeeded(run("object", folder, "--resolution", 12, "-o", tmp_path / f"donut{suffix}"))
     found, expected = ibr.Mesh.load(tmp_path / f"donut{suffix}"), ibr.DepthObject(views).to_mesh(12)
     assert len(found.faces) == len(expected.faces) and found.colors is not None
-    assert f"{len(found.faces)} triangles, closed" in result.output
+    assert f"{len(found.faces)} triangles, closed" in out
 
 
 @pytest.mark.parametrize("up", ["y", "-y", "z", "-x"])
 def test_a_glb_stands_upright(folder: Path, views: list[ibr.DepthImage], tmp_path: Path, up: str):
     """A rotation turns the up direction to glTF's y. Without --up, up is -y, as in cameras' axes."""
-    result = run("hull", folder, "--up", up, "--resolution", 12, "-o", tmp_path / "it.glb")
-    assert result.exit_code == 0, result.output
+    succeeded(run("hull", folder, "--up", up, "--resolution", 12, "-o", tmp_path / "it.glb"))
     expected, found = ibr.VisualHull(views).to_mesh(12), ibr.Mesh.load(tmp_path / "it.glb", axes="gltf")
     sign = -1 if up[0] == "-" else 1
     np.testing.assert_array_equal(found.vertices[:, 1], sign * expected.vertices[:, "xyz".index(up[-1])])
@@ -85,8 +81,7 @@ def test_a_hull_of_depth_of_alpha_or_of_masks(form: str, folder: Path, views: li
         ibr.write_mask(masks / f"{number}.png", view.valid)
     given = {"depth": [folder], "alpha": [pictures], "masks": [pictures, masks]}[form]
     words = [] if form == "depth" else ["--camera", folder]
-    result = run("hull", *given, *words, "--resolution", 12, "-o", tmp_path / "hull.ply")
-    assert result.exit_code == 0, result.output
+    succeeded(run("hull", *given, *words, "--resolution", 12, "-o", tmp_path / "hull.ply"))
     expected = ibr.VisualHull(views).to_mesh(12)
     np.testing.assert_allclose(ibr.Mesh.load(tmp_path / "hull.ply").vertices, expected.vertices, atol=1e-6)
 
@@ -100,8 +95,7 @@ def test_options_of_depth_are_those_of_warp(views: list[ibr.DepthImage], tmp_pat
         np.savez(tmp_path / f"room/{number}.depth.npz", mine=depth, other=np.ones(3))
         view.camera.save(tmp_path / f"room/{number}.json")
     words = ["--depth-channel", "mine", "--depth-scale", 1000, "--far", 90, "--resolution", 12]
-    result = run(command, tmp_path / "room", *words, "-o", tmp_path / "it.ply")
-    assert result.exit_code == 0, result.output
+    succeeded(run(command, tmp_path / "room", *words, "-o", tmp_path / "it.ply"))
     expected = solid(views).to_mesh(12)
     np.testing.assert_allclose(ibr.Mesh.load(tmp_path / "it.ply").vertices, expected.vertices, atol=1e-4)
 

@@ -8,10 +8,10 @@ import pytest
 import pyibr as ibr
 from pyibr.app.live.page_space import fov_of, page_space_around
 
+SCENES = [((0, 0, 0), 1.0), ((4e5, -5e6, 300), 2.0), ((0, 0, 0), 1e-6), ((1, 2, 3), 1e7)]
 
-@pytest.mark.parametrize(
-    ("middle", "size"), [((0, 0, 0), 1.0), ((4e5, -5e6, 300), 2.0), ((0, 0, 0), 1e-6), ((1, 2, 3), 1e7)]
-)
+
+@pytest.mark.parametrize(("middle", "size"), SCENES)
 def test_a_camera_goes_to_the_page_and_back(middle, size):
     middle = np.array(middle, np.float64)
     page_space = page_space_around(middle - size, middle + size)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 import pyibr as ibr
 from pyibr.app.live.renderer import Renderer
+from pyibr.app.live.stream import Stream
 from pyibr.opencl.device import current
+from tests.app.browser import until
 
 
 class Recorder:
@@ -146,9 +151,7 @@ def test_a_closed_one_ends_its_thread_and_takes_no_requests():
     recorder = Recorder()
     recorder.renderer.ask("a", "a0")
     recorder.renderer.close()
-    assert not any(
-        thread.name == "pyibr-renderer" and thread is recorder.renderer._thread for thread in threading.enumerate()
-    )
+    assert recorder.renderer._thread not in threading.enumerate()
     recorder.renderer.ask("a", "a1")
     time.sleep(0.05)
     assert "a1" not in [request for request, _ in recorder.drawn]
@@ -160,8 +163,35 @@ def test_it_draws_on_the_device_that_was_chosen_where_it_was_made():
     with ibr.use_device(worked):
         renderer = Renderer(lambda *_: current().device.name, lambda *a: used.append(a[2]), lambda *_: None)
     renderer.ask(0, 0, at_once=False)
-    end = time.monotonic() + 10
-    while not used and time.monotonic() < end:
-        time.sleep(0.005)
+    until(lambda: used, 10)
     renderer.close()
     assert used == [worked.name]
+
+
+def test_a_camera_that_moves_while_it_is_first_read_is_asked_for_last():
+    handlers: list[Any] = []
+    page = SimpleNamespace(wxyz=(1, 0, 0, 0), position=(0, 0, 0), fov=1.0, image_width=40, image_height=30)
+    page.on_update = handlers.append
+    asked: list[ibr.Camera] = []
+    renderer = SimpleNamespace(ask=lambda client, request, at_once: asked.append(request.camera))
+    news: list[threading.Thread] = []
+
+    def move() -> None:
+        page.image_width = 30
+        asyncio.run(handlers[0](None))
+
+    class Space:
+        def camera(self, wxyz: Any, position: Any, fov: float, size: tuple[int, int]) -> ibr.Camera:
+            if not news:  # the page's first camera is read while the next one arrives
+                news.append(threading.Thread(target=move))
+                news[0].start()
+                news[0].join(0.2)
+            return ibr.Camera.from_fov(size, fov_x=60)
+
+    client = SimpleNamespace(client_id=1, camera=page)
+    unused: Any = None
+    stream = Stream(client, renderer, Space(), unused, unused, unused)  # pyright: ignore[reportArgumentType]
+    stream.follow()
+    news[0].join()
+    assert stream.camera is not None
+    assert [camera.size for camera in asked] == [(40, 30), (30, 30)] and stream.camera.size == (30, 30)

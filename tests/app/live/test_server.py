@@ -12,7 +12,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app.live.server import HOST, is_own_page, start_server, stop_server, url_of
-from tests.app.sockets import LOOPBACK, listeners
+from tests.app.browser import LOOPBACK, listeners
 
 viser = pytest.importorskip("viser")
 websockets = pytest.importorskip("websockets")
@@ -42,8 +42,7 @@ def test_pages_of_other_sites_are_told_by_their_headers(host, origin, own):
 def test_it_listens_on_the_loopback_alone_and_prints_nothing(capfd: pytest.CaptureFixture[str]):
     before = listeners()
     server = start_server(0, "test")
-    assert listeners() - before <= LOOPBACK
-    assert listeners() >= LOOPBACK
+    assert listeners() - before <= LOOPBACK and listeners() >= LOOPBACK
     assert url_of(server) == f"http://{HOST}:{server.get_port()}"
     stop_server(server)
     assert capfd.readouterr().out == ""
@@ -75,10 +74,9 @@ def test_a_foreign_page_is_turned_away_before_it_is_heard(caplog: pytest.LogCapt
     async def connects(origin: str | None) -> bool:
         import msgspec
 
+        url = url_of(server).replace("http", "ws")
         try:
-            async with websockets.connect(
-                url_of(server).replace("http", "ws"), origin=origin, subprotocols=[PROTOCOL]
-            ) as own:
+            async with websockets.connect(url, origin=origin, subprotocols=[PROTOCOL]) as own:
                 await own.send(msgspec.msgpack.encode(camera))
                 await asyncio.wait_for(own.recv(), 5)
                 await asyncio.sleep(0.2)
@@ -89,8 +87,7 @@ def test_a_foreign_page_is_turned_away_before_it_is_heard(caplog: pytest.LogCapt
     assert not asyncio.run(connects("http://evil.example"))
     assert not heard.is_set()
     assert not caplog.records
-    assert asyncio.run(connects(url_of(server)))
-    assert heard.wait(5)
+    assert asyncio.run(connects(url_of(server))) and heard.wait(5)
     stop_server(server)
 
 

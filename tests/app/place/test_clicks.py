@@ -31,9 +31,8 @@ def page():
     server = start_server(0, "test")
     camera = ONE.camera
     view = ibr.DepthImage(None, np.ones((camera.height, camera.width), np.float32), camera)
-    captures: Any = SimpleNamespace(
-        surface=SimpleNamespace(mesh=None), nearest=lambda _: None, views=lambda frusta: [view for _ in frusta]
-    )
+    captures: Any = SimpleNamespace(nearest=lambda _: None, views=lambda frusta: [view for _ in frusta])
+    captures.surface = SimpleNamespace(mesh=None)
     pages: Any = SimpleNamespace(server=server, call=lambda function, say: function())
     yield PlacePage(pages, Placement(16), captures, PageSpace(np.zeros(3), 1.0), Path("~/placed"))
     stop_server(server)
@@ -66,8 +65,7 @@ def test_controls_that_show_what_is_do_not_change_it_and_hands_that_turn_them_me
         turned = other.submit(setattr, page._across, "value", 20.0)
         page._quiet = False
         assert page.placement.state.current == ONE
-    assert turned.exception() is None
-    assert page.placement.state.current.fov[0] == pytest.approx(20)
+    assert turned.exception() is None and page.placement.state.current.fov[0] == pytest.approx(20)
 
 
 def test_the_page_says_which_kernels_are_being_built_until_it_shows_a_picture(page, tmp_path, monkeypatch):

@@ -34,8 +34,7 @@ def test_frusta_are_added_chosen_and_deleted():
     assert (len(placement.state.frusta), placement.state.chosen) == (3, 2)
     placement.choose(0)
     placement.delete()
-    assert placement.state.frusta == (frustum(0.1), frustum(0.2))
-    assert placement.state.chosen == 0
+    assert placement.state.frusta == (frustum(0.1), frustum(0.2)) and placement.state.chosen == 0
     placement.delete()
     placement.delete()
     placement.delete()
@@ -179,8 +178,7 @@ def test_a_set_says_which_part_it_covers(tmp_path):
     placement.add(frustum())
     save_frusta(tmp_path / "part.json", placement.state.frusta, **placement.about)
     frusta, about = load_frusta(tmp_path / "part.json")
-    assert frusta == [frustum()]
-    assert about == placement.about == {"side": "front", "within": box.tolist()}
+    assert frusta == [frustum()] and about == placement.about == {"side": "front", "within": box.tolist()}
     np.testing.assert_array_equal(part_of(about, "part.json"), box)
     assert part_of({"side": "front"}, "part.json") is None
     for bad in (3, [[1, 0, 0], [0, 1, 1]], "all"):
@@ -215,8 +213,7 @@ def test_the_share_is_of_all_frusta():
     captures, frusta = Captures(surface, None), (frustum(), frustum(2.0))
     masks = [surface.seen(one.capture(models.donut())) for one in frusta]
     assert captures.unseen(frusta, "front") == unseen_share(surface, masks)
-    assert captures.unseen((), "front") == 1.0
-    assert captures.unseen(frusta, "back") > 0.9
+    assert captures.unseen((), "front") == 1.0 and captures.unseen(frusta, "back") > 0.9
 
 
 # ---- the corner
@@ -255,8 +252,7 @@ def test_depth_is_dark_far_away_and_paint_is_seen():
     down = np.flatnonzero(view.valid[:, 16])
     for kind in ("depth", "disparity"):
         grey = own_picture(view, kind, one.mask)[down, 16, 0].astype(int)
-        assert (np.diff(grey) * np.diff(-row[down]) >= 0).all()
-        assert grey.max() > 240
+        assert (np.diff(grey) * np.diff(-row[down]) >= 0).all() and grey.max() > 240
         assert grey.min() < 40
     for kind in ("colors", "depth", "disparity"):
         assert (own_picture(view, kind, one.mask)[one.mask] == (200, 0, 200)).all()

@@ -20,19 +20,12 @@ from pyibr.images.metrics import psnr
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.light import light_for
 from pyibr.picture.unseen import MarkedUnseen
-from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
-from tests.app.sockets import LOOPBACK, listeners
+from tests.app.browser import LOOPBACK, Tab, listeners, opened, rested, settles_on, stays, until
 
 pytestmark = pytest.mark.thorough
 
 SIZE = 64
 PICTURE = -2  # index of the colours among a page's pictures; the last picture is the depth
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as made:
-        yield made
 
 
 @dataclass
@@ -142,9 +135,8 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     way = moved.camera.center - added.camera.center
     assert np.linalg.norm(way) > 0.2 * unit
     assert abs(way @ axis) > 0.99 * np.linalg.norm(way)  # only along this axis
-    np.testing.assert_allclose(
-        moved.camera.world_from_camera[:3, :3], added.camera.world_from_camera[:3, :3], atol=1e-5
-    )
+    before, after = (one.camera.world_from_camera[:3, :3] for one in (added, moved))
+    np.testing.assert_allclose(after, before, atol=1e-5)
     assert np.linalg.norm(np.subtract(start, work.on_page(moved.camera.center))) > 10
     assert_shown(work, mesh)
     placement.undo()
@@ -186,8 +178,7 @@ def test_a_frustum_is_added_moved_resized_painted_undone_saved_and_opened(work, 
     (view,) = ibr.load(folder)
     np.testing.assert_array_equal(view.depth, painted.depth)
     frame = ibr.warp(view, view.camera)
-    assert (frame.valid[painted.valid]).mean() > 0.9
-    assert not frame.valid[SIZE // 2, SIZE // 2]
+    assert (frame.valid[painted.valid]).mean() > 0.9 and not frame.valid[SIZE // 2, SIZE // 2]
     work.click("Delete")
     until(lambda: not work.state.frusta)
     work.click("Open the set")

@@ -66,9 +66,8 @@ def test_every_option_of_a_picture_has_its_control(controls):
 
 
 def test_what_is_typed_is_a_number_a_word_or_nothing(controls):
-    solid = ibr.DepthObject(
-        [ibr.DepthImage(None, np.ones((6, 6), np.float32), ibr.Camera.from_fov((6, 6), fov_y=40))], slices="view"
-    )
+    view = ibr.DepthImage(None, np.ones((6, 6), np.float32), ibr.Camera.from_fov((6, 6), fov_y=40))
+    solid = ibr.DepthObject([view], slices="view")
     typed = Controls(Panel(controls._panel.gui), scene_of(solid), lambda: None)
     values = dict(typed.style().parameters)
     assert (values["slices"], values["only"]) == ("view", None)

@@ -17,8 +17,7 @@ import pytest
 import pyibr as ibr
 from pyibr.app.view.painting import paint
 from pyibr.images.metrics import psnr
-from tests.app.browser import Tab, chromium, opened, rested, settles_on, stays, until
-from tests.app.sockets import LOOPBACK, listeners
+from tests.app.browser import LOOPBACK, Tab, listeners, opened, rested, settles_on, stays, until
 from tools.browser import PANEL
 
 pytestmark = pytest.mark.thorough
@@ -27,20 +26,13 @@ LEAST = 35.0  # dB of PSNR; the browser shows exact pixels, rounded where it sca
 
 
 @pytest.fixture(scope="module")
-def browser():
-    with chromium() as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
 def views() -> list[ibr.DepthImage]:
     """Views from two positions of a ball before a bumpy wall."""
     made = []
     for x in (0.0, 0.4):
         camera = ibr.Camera([[220, 0, 119.5], [0, 220, 89.5], [0, 0, 1]], (240, 180)).moved(x, 0, 0)
-        rays = camera.unproject(
-            np.stack(np.meshgrid(np.arange(240), np.arange(180)), -1).reshape(-1, 2), np.ones(43200)
-        )
+        pixels = np.stack(np.meshgrid(np.arange(240), np.arange(180)), -1).reshape(-1, 2)
+        rays = camera.unproject(pixels, np.ones(43200))
         rays = (rays - camera.center).reshape(180, 240, 3)
         point = camera.center + 3 * rays
         depth = 3 + 0.1 * np.sin(4 * point[..., 0]) * np.cos(5 * point[..., 1])
@@ -120,8 +112,7 @@ def test_it_opens_follows_a_drag_and_rests_on_the_right_picture(look, views):
     assert_right(tab, page, views)
     moved = tab.kinds()[count:]
     assert "image/jpeg" in moved  # pictures were shown during the move
-    assert moved[-1] == "image/png"
-    assert psnr(before, tab.canvas()) < 25
+    assert moved[-1] == "image/png" and psnr(before, tab.canvas()) < 25
     kinds = tab.kinds()
     time.sleep(1.0)
     assert tab.kinds() == kinds  # no outdated picture comes after the final one
@@ -271,10 +262,8 @@ def test_cameras_screenshots_and_paths(look, views, tmp_path):
     with tab.page.expect_download() as download:
         tab.page.get_by_role("button", name="Save path").click()
     download.value.save_as(tmp_path / "path.json")
-    assert json.loads((tmp_path / "path.json").read_text()) == {
-        "seconds": 0.6,
-        "cameras": [camera.to_json() for camera in page.path],
-    }
+    expected_path = {"seconds": 0.6, "cameras": [camera.to_json() for camera in page.path]}
+    assert json.loads((tmp_path / "path.json").read_text()) == expected_path
 
 
 def test_the_sources_are_seen_and_lead_to_their_cameras(look, views):
@@ -301,17 +290,14 @@ def test_the_command_listens_to_this_machine_alone_and_leaves_nothing_behind(bro
     command = subprocess.Popen([sys.executable, "-c", code, *words], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     try:
         line = command.stdout.readline()
-        assert line.startswith("http://127.0.0.1:")
-        assert "can be opened on this machine only" in line
+        assert line.startswith("http://127.0.0.1:") and "can be opened on this machine only" in line
         assert listeners(command.pid) == LOOPBACK
         with opened(browser, line.split()[0], (320, 240)) as tab:
             rested(tab)
-            assert listeners(command.pid) == LOOPBACK
-            assert tab.picture().shape == (240, 320, 3)
+            assert listeners(command.pid) == LOOPBACK and tab.picture().shape == (240, 320, 3)
             tab.drag((100, 100), (150, 120), 5)
             tab.page.context.close()  # while a picture is drawn
     finally:
         command.send_signal(signal.SIGINT)
         status = command.wait(20)
-    assert status == 130
-    assert command.stdout.read() == ""
+    assert status == 130 and command.stdout.read() == ""

@@ -26,8 +26,7 @@ def test_it_passes_through_its_cameras():
         np.testing.assert_allclose(found.world_from_camera, camera.world_from_camera, atol=1e-12)
         np.testing.assert_allclose(found.K[1, 1], camera.K[1, 1], rtol=1e-12)
         assert found.size == (61, 37)
-    assert path.at(-1.0) == path.at(0.0)
-    assert path.at(7.0) == path.at(6.0)
+    assert path.at(-1.0) == path.at(0.0) and path.at(7.0) == path.at(6.0)
 
 
 def test_it_has_no_corners_in_its_way():
@@ -49,8 +48,7 @@ def test_it_turns_along_the_shortest_arc():
 def test_files_hold_it_to_the_bit():
     path = CameraPath(cameras(), 2.5)
     again = CameraPath.from_json(json.loads(json.dumps(path.to_json())), "path.json")
-    assert list(again.cameras) == path.cameras
-    assert again.seconds == 2.5
+    assert list(again.cameras) == path.cameras and again.seconds == 2.5
 
 
 @pytest.mark.parametrize(
