@@ -143,6 +143,7 @@ def test_colors_are_those_of_the_picture_however_they_are_stored(tmp_path: Path,
     # The files' values are rounded. In YCbCr this changes a channel by up to 2 levels; in L*a*b* a unit of a* or b*
     # is up to 8 levels for orange.
     read = ibr.read_color(tmp_path / name).astype(int)
+    np.testing.assert_array_equal(read, Image.open(tmp_path / name).convert("RGB"))
     assert np.abs(read - color).max() <= {"YCbCr": 3, "LAB": 8}.get(mode, 0)
 
 

@@ -211,7 +211,7 @@ def test_intrinsics_of_larger_pictures_are_refused(tmp_path: Path):
         with Image.open(picture) as image:
             small = image.resize((image.width // 3, image.height // 3))
         small.save(picture)
-    with pytest.raises(ibr.FileFormatError, match=r"intrinsic_color\.txt: its centre .* of pictures of 21 x 16"):
+    with pytest.raises(ibr.FileFormatError, match=r"color\.txt: its centre .* lies outside of pictures of 21 x 16"):
         cameras_of(recording_in(tmp_path))
 
 
