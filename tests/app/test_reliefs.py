@@ -47,14 +47,13 @@ def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how,
     """--light and --lamp are in the camera's axes; with --deep, black is high."""
     words = (*words, "--light", 1, 1, 2, "--ambient", 0.1) if lit else words
     maps = "--color", "paint.png", "--scale", 0.1, "--tiles", 2, 1, "--deep", "--anisotropy", 8
-    result = run(folder, command, "square.obj", "bumps.png", *maps, *words, "--to", "camera.json")
-    assert result.exit_code == 0, result.output
+    out = commands.succeeded(run(folder, command, "square.obj", "bumps.png", *maps, *words, "--to", "camera.json"))
     bumps, paint = ibr.read_color(folder / "bumps.png")[..., 0], ibr.read_color(folder / "paint.png")
     surface = kind(ibr.Mesh.load(folder / "square.obj"), 255 - bumps, paint, 0.1, tiles=(2, 1), **how)
     light = ibr.Light(direction=CAMERA.world_from_camera[:3, :3] @ (1, 1, 2), ambient=0.1, shadow_size=2048)
     expected = ibr.render(surface, CAMERA, light if lit else None, anisotropy=8)
     np.testing.assert_array_equal(ibr.read_color(folder / "new.png"), expected.color)
-    assert f"new.png: 41x33, {expected.valid.mean():.1%} covered" in result.stdout
+    assert f"new.png: 41x33, {expected.valid.mean():.1%} covered" in out
 
 
 def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
@@ -74,10 +73,7 @@ def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (
-            ("square.obj", "bumps.png"),
-            "--scale: expected the displacement of height 1 in scene units (the mesh is 1 acr",
-        ),
+        (("square.obj", "bumps.png"), "--scale: expected the displacement of height 1 in scene units (the mesh is 1 "),
         (("square.obj", "bumps.png", "--scale", "0"), "--scale: expected"),
         (("square.obj", "bumps.png", "--scale", "nan"), "--scale: expected"),
         (("gone.obj", "bumps.png", "--scale", "1"), "gone.obj"),
@@ -100,9 +96,7 @@ def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
     ],
 )
 def test_mistakes_are_told(folder: Path, command: str, words, said: str):
-    result = run(folder, command, *words)
-    assert result.exit_code == 2 and "Traceback" not in result.stderr, result.output
-    assert said in result.stderr, result.stderr
+    commands.assert_refused(run(folder, command, *words), said)
     assert not list(folder.glob("new*"))
 
 
@@ -111,4 +105,4 @@ def test_what_is_out_of_view_is_told_by_the_status(folder: Path):
     result = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", 40, "--to", "camera.json")
     assert result.exit_code == 3 and "new.png is empty: the thing is out of view" in result.stderr
     refused = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", "many")
-    assert refused.exit_code == 2 and "--slices: expected a whole number, or view, got many" in refused.stderr
+    commands.assert_refused(refused, "--slices: expected a whole number, or view, got many")
