@@ -84,10 +84,7 @@ def texture(a: Array, b: Array) -> Array:
 
 
 def scene(
-    depth: Callable[[Array, Array], Array],
-    size: Size,
-    projection: Projection = "perspective",
-    far: float = np.inf,
+    depth: Callable[[Array, Array], Array], size: Size, projection: Projection = "perspective", far: float = np.inf
 ) -> DepthImage:
     """A depth image whose planar z is a function, ``depth``, of the image coordinates."""
     a, b = image_coordinates(size)
@@ -203,11 +200,7 @@ def target_intrinsics(size: Size, projection: str = "perspective", zoom: float =
 
 
 def target_cameras(
-    view: DepthImage,
-    region: str,
-    size: Size | None = None,
-    projection: Projection = "perspective",
-    share: float = 0.2,
+    view: DepthImage, region: str, size: Size | None = None, projection: Projection = "perspective", share: float = 0.2
 ) -> list[Pose]:
     """Target cameras whose epipole lies in ``region``, one for each possible pair of both epipoles' signs.
 
@@ -387,14 +380,7 @@ def _surface(view: DepthImage) -> tuple[Array, Array]:
 
 
 def _share_seen(
-    view: DepthImage,
-    point: Array,
-    normal: Array,
-    rotation: Array,
-    center: Array,
-    K: Array,
-    size: Size,
-    projection: str,
+    view: DepthImage, point: Array, normal: Array, rotation: Array, center: Array, K: Array, size: Size, projection: str
 ) -> Array:
     """(n,) approximate fraction of each target image that shows the surface's front; 0 for cameras behind it."""
     n = len(center)

@@ -76,10 +76,7 @@ def test_the_report_is_of_one_commit() -> None:
 
 def test_result_survives_json(tmp_path: Path) -> None:
     parameters = {"size": 64, "region": "A"}
-    records = [
-        Record("a", "end to end", "ms", parameters, [1.5, 2]),
-        Record("a", "visited", "samples", {}, [3]),
-    ]
+    records = [Record("a", "end to end", "ms", parameters, [1.5, 2]), Record("a", "visited", "samples", {}, [3])]
     result = Result("peers", ENVIRONMENT, records, [Skip("b", "it is not here")])
     result.save(tmp_path / "peers.json")
     assert Result.load(tmp_path / "peers.json") == result

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import kernels_folder
 from tests.one_lane import skip_where_unused
+from tests.reference.heights import bilinear, bilinear_height
 
 COUNT = 48  # numbers in each array: whole packets of 16 lanes
 
@@ -118,41 +119,16 @@ def test_pairs_are_neighbours(driver):
     np.testing.assert_array_equal(driver("pairs", values, at, rows=2), [values[at], values[at + 1]])
 
 
-def bilinear(
-    map_: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.float64], tiled: bool
-) -> NDArray[np.float64]:
-    """Interpolate a map bilinearly at x, y in texels, counted from the first texel's centre."""
-    height, width = map_.shape
-    if not tiled:
-        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
-    total = np.zeros(x.shape)
-    for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        column, row = x0 + dx, y0 + dy
-        column, row = (
-            (column % width, row % height) if tiled else (column.clip(max=width - 1), row.clip(max=height - 1))
-        )
-        total += map_[row, column] * np.abs(1 - dx - (x - x0)) * np.abs(1 - dy - (y - y0))
-    return total
-
-
 @pytest.mark.parametrize("shape", [(5, 7), (1, 6), (6, 1), (1, 1)])
-def test_taps_at_a_border_count_as_on_it(driver, shape):
+def test_taps_at_a_border_count_as_on_it_and_taps_of_tiles_go_round(driver, shape):
     rng = np.random.default_rng(2)
-    map_ = rng.random(shape, np.float32)
-    x, y = ((rng.random((2, COUNT)) * 1.6 - 0.3) * np.array(shape[::-1])[:, None]).astype(np.float32)
-    made = driver("clamped", map_, np.int32(shape[1]), np.int32(shape[0]), x, y)[0]
-    np.testing.assert_allclose(made, bilinear(map_, x.astype(float), y.astype(float), False), atol=2e-6)
-
-
-@pytest.mark.parametrize("shape", [(5, 7), (1, 6), (6, 1), (1, 1)])
-def test_taps_of_tiles_go_round(driver, shape):
-    rng = np.random.default_rng(3)
-    map_ = rng.random(shape, np.float32)
+    map_, size = rng.random(shape, np.float32), np.int32(shape[::-1])
+    x, y = ((rng.random((2, COUNT)) * 1.6 - 0.3) * size[:, None]).astype(np.float32)
+    made = driver("clamped", map_, *size, x, y)[0]
+    np.testing.assert_allclose(made, bilinear(map_, x.astype(float), y.astype(float)), atol=2e-6)
     u, v = (rng.random((2, COUNT)) * 6 - 3).astype(np.float32)
-    made = driver("tiled", map_, np.int32(shape[1]), np.int32(shape[0]), u, v)[0]
-    x, y = u.astype(float) * shape[1] - 0.5, v.astype(float) * shape[0] - 0.5
-    np.testing.assert_allclose(made, bilinear(map_, x, y, True), atol=2e-5)
+    made = driver("tiled", map_, *size, u, v)[0]
+    np.testing.assert_allclose(made, bilinear_height(map_, u.astype(float), v.astype(float)), atol=2e-5)
 
 
 def test_no_texel_lies_beyond_a_tile(driver):

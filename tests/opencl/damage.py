@@ -3,76 +3,62 @@
 from __future__ import annotations
 
 import os
-import random
 import shutil
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from random import Random
 
 
-def _any(folder: Path, random: random.Random) -> Path:
+def _any(folder: Path, random: Random) -> Path:
     return random.choice(sorted(path for path in folder.rglob("*") if path.is_file()))
 
 
-def _two(folder: Path, random: random.Random) -> list[Path]:
+def _removed(folder: Path, random: Random) -> Path:
+    path = _any(folder, random)
+    path.unlink()
+    return path
+
+
+def _two(folder: Path, random: Random) -> list[Path]:
     return random.sample(sorted((folder / "programs").iterdir()), 2)
 
 
-def a_flipped_bit(folder: Path, random: random.Random) -> None:
+def _with_zeros(data: bytes, random: Random) -> bytes:
+    start = random.randrange(len(data))
+    end = min(start + 4096, len(data))
+    return data[:start] + bytes(end - start) + data[end:]
+
+
+BYTES: dict[str, Callable[[bytes, Random], bytes]] = {
+    "a flipped bit": lambda old, rng: (int.from_bytes(old, "big") ^ 1 << rng.randrange(8 * len(old))).to_bytes(
+        len(old), "big"
+    ),
+    "cut": lambda old, rng: old[: rng.randrange(len(old))],
+    "emptied": lambda old, rng: b"",
+    "zeroed": lambda old, rng: bytes(len(old)),
+    "a page of zeros": _with_zeros,
+    "garbage": lambda old, rng: rng.randbytes(len(old)),
+    "appended": lambda old, rng: old + rng.randbytes(rng.randrange(1, 5000)),
+    "prepended": lambda old, rng: rng.randbytes(7) + old,
+    "another version": lambda old, rng: old.replace(b"cache 1", b"cache 0", 1),
+}
+"""Changes of a file's bytes."""
+
+
+def _change(change: Callable[[bytes, Random], bytes], folder: Path, random: Random) -> None:
     path = _any(folder, random)
-    data = bytearray(path.read_bytes())
-    data[random.randrange(len(data))] ^= 1 << random.randrange(8)
-    path.write_bytes(data)
+    path.write_bytes(change(path.read_bytes(), random))
 
 
-def cut(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    os.truncate(path, random.randrange(path.stat().st_size))
-
-
-def emptied(folder: Path, random: random.Random) -> None:
-    os.truncate(_any(folder, random), 0)
-
-
-def zeroed(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.write_bytes(bytes(path.stat().st_size))
-
-
-def a_page_of_zeros(folder: Path, random: random.Random) -> None:
-    path = _two(folder, random)[0]
-    data = bytearray(path.read_bytes())
-    start = random.randrange(len(data) - 4096)
-    data[start : start + 4096] = bytes(4096)
-    path.write_bytes(data)
-
-
-def garbage(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.write_bytes(random.randbytes(path.stat().st_size))
-
-
-def appended(folder: Path, random: random.Random) -> None:
-    with _any(folder, random).open("ab") as file:
-        file.write(random.randbytes(random.randrange(1, 5000)))
-
-
-def prepended(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.write_bytes(random.randbytes(7) + path.read_bytes())
-
-
-def exchanged(folder: Path, random: random.Random) -> None:
+def _exchange(folder: Path, random: Random) -> None:
     one, two = _two(folder, random)
     other = one.read_bytes()
     one.write_bytes(two.read_bytes())
     two.write_bytes(other)
 
 
-def another_version(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.write_bytes(path.read_bytes().replace(b"cache 1", b"cache 0", 1))
-
-
-def as_earlier_versions_wrote(folder: Path, random: random.Random) -> None:
+def _write_as_earlier_versions(folder: Path, random: Random) -> None:
     """Store a binary and its description in separate files."""
     path = _two(folder, random)[0]
     head, binary = path.read_bytes().split(b"\n", 2)[1:]
@@ -80,107 +66,93 @@ def as_earlier_versions_wrote(folder: Path, random: random.Random) -> None:
     path.write_bytes(binary)
 
 
-def a_folder_in_place_of_a_file(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.unlink()
-    (path / "inside").mkdir(parents=True)
-    (path / "inside/file").touch()
-
-
-def a_link_to_another(folder: Path, random: random.Random) -> None:
+def _link(make: Callable[[Path, Path], None], folder: Path, random: Random) -> None:
     one, two = _two(folder, random)
     one.unlink()
-    one.symlink_to(two)
+    make(one, two)
 
 
-def a_link_to_itself(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.unlink()
+def _link_to_itself(folder: Path, random: Random) -> None:
+    path = _removed(folder, random)
     path.symlink_to(path)
 
 
-def a_link_to_a_copy(folder: Path, random: random.Random) -> None:
+def _link_to_a_copy(folder: Path, random: Random) -> None:
     path = _any(folder, random)
     path.replace(folder.with_name("copy"))
     path.symlink_to(folder.with_name("copy"))
 
 
-def one_file_for_two(folder: Path, random: random.Random) -> None:
-    one, two = _two(folder, random)
-    one.unlink()
-    one.hardlink_to(two)
-
-
-def a_pipe(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.unlink()
-    os.mkfifo(path)
-
-
-def a_device(folder: Path, random: random.Random) -> None:
-    path = _any(folder, random)
-    path.unlink()
-    path.symlink_to("/dev/zero")
-
-
-def a_huge_file(folder: Path, random: random.Random) -> None:
-    os.truncate(_any(folder, random), 1 << 40)
-
-
-def writable_by_all(folder: Path, random: random.Random) -> None:
-    _any(folder, random).chmod(0o666)
-
-
-def readable_by_none(folder: Path, random: random.Random) -> None:
+def _let_nobody_read(folder: Path, random: Random) -> None:
     path = _any(folder, random)
     path.chmod(0)
     if not os.geteuid():  # root can read it anyway
         os.chown(path, 12345, -1)
 
 
-def removed(folder: Path, random: random.Random) -> None:
-    shutil.rmtree(folder)
+def _replace_by_a_link(where: str, target: str, folder: Path, random: Random) -> None:
+    shutil.rmtree(folder / where)
+    (folder / where).symlink_to(folder / target)
 
 
-def a_room_removed(folder: Path, random: random.Random) -> None:
-    shutil.rmtree(folder / random.choice(["devices", "programs"]))
+def _open(folder: Path) -> None:
+    folder.chmod(0o777)
 
 
-def unsafe_for_its_group(folder: Path, random: random.Random) -> None:
-    folder.chmod(0o770)
+def _give_away(folder: Path) -> None:
+    if os.geteuid():  # only root can
+        _open(folder)
+    else:
+        os.chown(folder, 12345, -1)
 
 
-def unsafe_for_all(folder: Path, random: random.Random) -> None:
-    (folder / "programs").chmod(0o707)
-
-
-def unsafe_by_its_owner(folder: Path, random: random.Random) -> None:
-    (folder / "programs").chmod(0o777)
-    if not os.geteuid():
-        (folder / "programs").chmod(0o700)
-        os.chown(folder / "programs", 12345, -1)
-
-
-def unsafe_by_a_link(folder: Path, random: random.Random) -> None:
+def _link_to_an_open_one(folder: Path) -> None:
     elsewhere = folder.with_name("elsewhere")
-    (folder / "programs").rename(elsewhere)
-    elsewhere.chmod(0o777)
-    (folder / "programs").symlink_to(elsewhere)
+    folder.rename(elsewhere)
+    _open(elsewhere)
+    folder.symlink_to(elsewhere)
 
 
-def unsafe_as_a_file(folder: Path, random: random.Random) -> None:
+def _give_a_link_away(folder: Path) -> None:
+    _link_to_an_open_one(folder)
+    if not os.geteuid():
+        folder.resolve().chmod(0o700)
+        os.chown(folder, 12345, -1, follow_symlinks=False)
+
+
+def _replace_by_a_file(folder: Path) -> None:
     shutil.rmtree(folder)
     folder.write_bytes(b"no folder")
 
 
-def unwritable_as_it_leads_nowhere(folder: Path, random: random.Random) -> None:
-    shutil.rmtree(folder)
-    folder.symlink_to(folder.with_name("gone"))
-
-
-def unwritable_in_a_loop(folder: Path, random: random.Random) -> None:
-    shutil.rmtree(folder / "programs")
-    (folder / "programs").symlink_to(folder / "programs")
-
-
-KINDS = [kind for name, kind in globals().items() if callable(kind) and not name.startswith("_") and name != "Path"]
+UNSAFE: dict[str, Callable[[Path], None]] = {
+    "for all": _open,
+    "for its group": lambda folder: folder.chmod(0o770),
+    "by its owner": _give_away,
+    "by a link": _link_to_an_open_one,
+    "by a link's owner": _give_a_link_away,
+    "as a file": _replace_by_a_file,
+}
+"""Ways to make a folder one that pyibr does not use."""
+KINDS: dict[str, Callable[[Path, Random], object]] = {
+    **{name: partial(_change, change) for name, change in BYTES.items()},
+    "exchanged": _exchange,
+    "as earlier versions wrote": _write_as_earlier_versions,
+    "a folder in place of a file": lambda folder, random: (_removed(folder, random) / "inside/folder").mkdir(
+        parents=True
+    ),
+    "a link to another": partial(_link, Path.symlink_to),
+    "a link to itself": _link_to_itself,
+    "a link to a copy": _link_to_a_copy,
+    "one file for two": partial(_link, Path.hardlink_to),
+    "a pipe": lambda folder, random: os.mkfifo(_removed(folder, random)),
+    "a device": lambda folder, random: _removed(folder, random).symlink_to("/dev/zero"),
+    "a huge file": lambda folder, random: os.truncate(_any(folder, random), 1 << 40),
+    "writable by all": lambda folder, random: _any(folder, random).chmod(0o666),
+    "readable by none": _let_nobody_read,
+    "removed": lambda folder, random: shutil.rmtree(folder),
+    "a room removed": lambda folder, random: shutil.rmtree(folder / random.choice(["devices", "programs"])),
+    "unwritable as it leads nowhere": partial(_replace_by_a_link, "", "../gone"),
+    "unwritable in a loop": partial(_replace_by_a_link, "programs", "programs"),
+    **{f"unsafe {name}": lambda folder, _, spoil=spoil: spoil(folder / "programs") for name, spoil in UNSAFE.items()},
+}

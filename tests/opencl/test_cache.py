@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import shutil
 import subprocess
@@ -10,7 +11,6 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,7 +18,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.opencl import cache
 from pyibr.opencl.cache import Entry, cache_fault, cache_folder
 from pyibr.opencl.doctor import report
-from tests.opencl.damage import KINDS
+from tests.opencl.damage import KINDS, UNSAFE
 from tests.processes import run_within
 
 ONE = Entry("programs", "one", "what it depends on")
@@ -189,53 +189,15 @@ def test_entries_that_were_used_longest_ago_are_pruned(own_cache: Path, monkeypa
 # --- trust ----------------------------------------------------------------------------------------
 
 
-def opened(folder: Path) -> None:
-    folder.chmod(0o777)
-
-
-def opened_to_its_group(folder: Path) -> None:
-    folder.chmod(0o770)
-
-
-def anothers(folder: Path) -> None:
-    if os.geteuid():
-        pytest.skip("only root gives a folder away")
-    os.chown(folder, 12345, -1)
-
-
-def a_link_to_an_open_one(folder: Path) -> None:
-    elsewhere = folder.with_name("elsewhere")
-    folder.rename(elsewhere)
-    elsewhere.chmod(0o777)
-    folder.symlink_to(elsewhere)
-
-
-def anothers_link(folder: Path) -> None:
-    a_link_to_an_open_one(folder)
-    folder.resolve().chmod(0o700)
-    if os.geteuid():
-        pytest.skip("only root gives a link away")
-    os.chown(folder, 12345, -1, follow_symlinks=False)
-
-
-def a_file(folder: Path) -> None:
-    shutil.rmtree(folder)
-    folder.touch()
-
-
-UNSAFE = [opened, opened_to_its_group, anothers, a_link_to_an_open_one, anothers_link, a_file]
-
-
 @posix
 @pytest.mark.parametrize("room", ["", "programs"])
-@pytest.mark.parametrize("make_unsafe", UNSAFE)
-def test_a_folder_that_others_can_write_is_not_used(own_cache: Path, room: str, make_unsafe: Any):
+@pytest.mark.parametrize("kind", UNSAFE)
+def test_a_folder_that_others_can_write_is_not_used(own_cache: Path, room: str, kind: str):
     ONE.write(b"one")
-    make_unsafe(own_cache / room)
+    UNSAFE[kind](own_cache / room)
     before = files(own_cache.parent)
-    with pytest.warns(
-        RuntimeWarning, match=f"^the cache folder {own_cache / room} is not used, .*; to mend it: [^.]*$"
-    ):
+    said = f"^the cache folder {own_cache / room} is not used, .*; to mend it: [^.]*$"
+    with pytest.warns(RuntimeWarning, match=said):
         assert ONE.read() is None
     TWO.write(b"two")  # without another warning
     assert TWO.read() is None and files(own_cache.parent) == before
@@ -275,10 +237,10 @@ def test_a_link_to_a_safe_folder_is_used(own_cache: Path):
 
 
 @posix
-@pytest.mark.parametrize("change", [opened, anothers])
-def test_a_file_that_others_can_write_is_not_used(own_cache: Path, change: Any):
+@pytest.mark.parametrize("kind", ["for all", "by its owner"])
+def test_a_file_that_others_can_write_is_not_used(own_cache: Path, kind: str):
     ONE.write(b"one")
-    change(ONE._path(own_cache / "programs"))
+    UNSAFE[kind](ONE._path(own_cache / "programs"))
     assert ONE.read() is None
     ONE.write(b"one")
     assert ONE.read() == b"one"
@@ -287,16 +249,14 @@ def test_a_file_that_others_can_write_is_not_used(own_cache: Path, change: Any):
 # --- damage ---------------------------------------------------------------------------------------
 
 DAMAGED = """
-import json, random, shutil, sys, warnings
-from pathlib import Path
+import json, random, shutil, warnings
 import numpy as np
 import pyibr as ibr
 from pyibr.opencl import cache, probe
 from pyibr.opencl.device import _default_session, current
 from pyibr.opencl.program import keeping_binaries
 from pyibr.opencl.runtimes import found_devices
-sys.path.insert(0, sys.argv[1])
-from damage import KINDS
+from tests.opencl.damage import KINDS
 folder = cache.cache_folder()
 camera = ibr.Camera([[30, 0, 20], [0, 30, 15], [0, 0, 1]], (41, 31))
 y, x = np.mgrid[:31, :41]
@@ -316,15 +276,15 @@ write = cache.Entry.write
 cache.Entry.write = lambda entry, content: (written.append(entry), write(entry, content))
 expected = render()
 shutil.copytree(folder, folder.with_name("whole"), copy_function=shutil.copy2)
-for number, kind in enumerate(KINDS):
-    kind(folder, random.Random(number))
+for number, (name, damage) in enumerate(KINDS.items()):
+    damage(folder, random.Random(number))
     results = []
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         for _ in range(2):
             written.clear()
             results.append(render())
-    print(json.dumps([kind.__name__, [result == expected for result in results], len(written), len(said)]), flush=True)
+    print(json.dumps([name, [result == expected for result in results], len(written), len(said)]), flush=True)
     cache._warned.clear()
     for path in folder.parent.glob("*"):
         if path.name != "whole":
@@ -337,14 +297,11 @@ for number, kind in enumerate(KINDS):
 @pytest.mark.thorough
 def test_no_damage_does_harm(own_cache: Path):
     """Draw two frames after each kind of damage. The first must repair the cache, if it can be used at all."""
-    import json
-
-    command = [sys.executable, "-c", DAMAGED, str(Path(__file__).parent)]
     own_cache.mkdir(mode=0o700)
-    done = run_within(1800, command)  # some compilers are slow
+    done = run_within(1800, [sys.executable, "-c", DAMAGED])  # some compilers are slow
     told = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.returncode == 0, f"{told}\n{done.stderr}"
-    assert [kind for kind, *_ in told] == [kind.__name__ for kind in KINDS]
+    assert [kind for kind, *_ in told] == [*KINDS]
     for kind, right, written, said in told:
         assert right == [True, True], kind
         assert said == kind.startswith("unsafe"), kind

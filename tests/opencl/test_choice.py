@@ -97,12 +97,7 @@ def test_a_name_that_matches_nothing(selector: int | str):
 
 def test_a_named_device_that_does_not_work_is_not_replaced():
     with pytest.raises(DeviceError, match="requested by device='one'") as caught:
-        select(
-            [found(0, "one", "cpu"), found(1, "two", "cpu")],
-            Examiner("one"),
-            "one",
-            "device",
-        )
+        select([found(0, "one", "cpu"), found(1, "two", "cpu")], Examiner("one"), "one", "device")
     assert BROKEN.reason in str(caught.value)
     assert "to mend it: " in str(caught.value)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pyibr.images.noise import DepthNoise, Found
 from tests.data import DATA
 from tests.one_lane import one_lane
-from tests.reference.noise import DepthNoise as Twin
+from tests.reference.noise import noise_of
 
 Array = NDArray[Any]
 SIZES = [(16, 16), (37, 61), (160, 120), (481, 203), (640, 480), (1280, 960)]
@@ -100,8 +100,7 @@ def test_the_kernel_finds_what_the_twin_finds():
     wrong, count = list[tuple[Any, ...]](), 0
     for name, depth in itertools.chain(made(np.random.default_rng(0)), frames()):
         depth = np.ascontiguousarray(depth, np.float32)
-        twin = Twin(depth)
-        expected, found = (twin.deviation, twin.steps), [found_noise(depth)]
+        expected, found = noise_of(depth), [found_noise(depth)]
         with one_lane():
             found.append(found_noise(depth))
         for one in found:

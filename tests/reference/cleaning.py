@@ -35,12 +35,7 @@ _STEADY_WEIGHT = 0.9  # weight of the previous frame's value if it equals the ne
 
 
 def clean_depth(
-    depth: Depth,
-    color: Color | None = None,
-    *,
-    before: Depth | None = None,
-    holes: int = 8,
-    strength: float = 1.0,
+    depth: Depth, color: Color | None = None, *, before: Depth | None = None, holes: int = 8, strength: float = 1.0
 ) -> CleanedDepth:
     """Clean depth like `pyibr.clean_depth`; arguments must be valid."""
     cv2 = opencv("the reference of clean_depth", "bilateralFilter", "filterSpeckles", "morphologyEx")

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Callable
-from functools import cached_property
-from typing import cast
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64
+from pyibr.images.noise import Depth, Found, Terms, fitted_noise
 
-Depth = NDArray[np.float32]
 Nearness = NDArray[np.float32]
-
-Noise = float | tuple[float, float, float] | Callable[[Float64], Float64]
-"""Noise of depth, as `DepthImage` and `clean_depth` accept it."""
 
 _CELLS_MIN = 50  # estimates from fewer cells are off by over 15 %
 _KNOWN = 0.1  # fraction of cells with depth; with fewer, every other sample is taken to be missing
@@ -40,17 +31,6 @@ _WHOLE, _MOSTLY = 0.02, 0.9  # 90 % of the multiples of a step must be whole to 
 _STAIRS_MAX = 4_000  # largest number of changes that are examined
 _OFF = 0.2  # steps by which changes, and gaps between levels, may differ from whole steps: two scales may be mixed
 _NEAREST = 1e37  # greatest nearness: four times as much still fits float32
-_NOISE_MAX = 1e18  # scene units: the square still fits float32
-_ROUNDS, _CLOSE = 3, 0.02  # number of fits; points that differ from a fit by more than 2 % weigh less in the next
-_SIMPLER = 0.03  # one more term must reduce a fit's mean error by this
-_TIE = 1e-6  # fits whose errors differ by less count as equal; for two depths, any two terms fit exactly
-_RIDGE = 1e-9  # keeps the equations solvable where all samples have one depth
-_CHOICES = np.array(
-    [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]
-)
-"""Sets of the three terms a z^2, b z and c that a fit may use: (7, 3) bool, the smallest sets first."""
-_CHOSEN_PAIRS = _CHOICES[:, :, None] & _CHOICES[:, None, :]
-_OTHERS = np.eye(3) * np.where(_CHOICES, _RIDGE, 1.0)[:, None]
 
 
 def _octaves(values: Nearness, parts: int) -> NDArray[np.int32]:
@@ -65,34 +45,11 @@ _SIZES: Float64 = _MIDDLES.view(np.float32).astype(np.float64)
 _SIZES[0] = 0.0  # differences below `_ROUNDING`
 
 
-class DepthNoise:
-    """Noise of an image's depth, and the steps of its scale; parameters as for `pyibr.images.noise.DepthNoise`."""
-
-    def __init__(
-        self,
-        depth: Depth,
-        far: float = np.inf,
-        given: tuple[float, float, float] | None = None,
-        cells: int = 6_000,
-    ) -> None:
-        self.given = given
-        self._depth, self._far, self._cells = depth, far, cells
-
-    @cached_property
-    def deviation(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: the standard deviation of noise at depth z is about a z^2 + b z + c."""
-        if self.given is not None:
-            return self.given
-        return _noise_of(self._strips, self.steps)
-
-    @cached_property
-    def steps(self) -> tuple[float, float, float]:
-        """(a, b, c), none negative: if depth has a coarse scale, its levels at depth z are a z^2 + b z + c apart."""
-        return _scale_steps(self._strips)
-
-    @cached_property
-    def _strips(self) -> Nearness:
-        return _sampled_strips(self._depth, self._far, self._cells)
+def noise_of(depth: Depth, far: float = np.inf, cells: int = 6_000) -> Found:
+    """Noise of an image's depth, and the steps of its scale, as `pyibr.images.noise.DepthNoise` holds them."""
+    strips = _sampled_strips(depth, far, cells)
+    steps = _scale_steps(strips)
+    return _noise_of(strips, steps), steps
 
 
 def _sampled_strips(depth: Depth, far: float, cells: int) -> Nearness:
@@ -126,7 +83,7 @@ def _strips_of(depth: Depth, cells: int) -> Depth:
     return strips.reshape(3, -1)
 
 
-def _noise_of(strips: Nearness, steps: tuple[float, float, float]) -> tuple[float, float, float]:
+def _noise_of(strips: Nearness, steps: Terms) -> Terms:
     """Estimate noise, (a, b, c), from cells of 2 x 2 samples; it is at least half of a scale's steps.
 
     Each cell's second difference, upper left - upper right - lower left + lower right, is 0 on planes, and at edges
@@ -197,7 +154,7 @@ def _deviations(counts: NDArray[np.intp], on_scale: bool) -> Float64:
     return (most if on_scale else np.minimum(most, _mean_below(counts, 0.25) / _LEAST_QUARTER)) / _CELL
 
 
-def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
+def _scale_steps(strips: Nearness) -> Terms:
     """Estimate (a, b, c) of the steps of a scale, which are a z^2 + b z + c at depth z; all 0 without a scale.
 
     On a scale, surfaces are stairs: a sample equals one neighbour and differs from the other, mostly by one step.
@@ -239,40 +196,3 @@ def _scale_steps(strips: Nearness) -> tuple[float, float, float]:
     is_whole = (gaps > _OFF) & (np.abs(gaps - np.rint(gaps)) < _OFF)
     is_one = np.abs(ratios / exact - 1) < _OFF
     return (a, b, c) if min(np.mean(is_one), np.mean(is_whole)) >= _ONE_STEP else none
-
-
-def fitted_noise(depths: Float64, deviations: Float64, counts: ArrayLike = 1.0) -> tuple[float, float, float]:
-    """Fit (a, b, c), none negative, so that a z^2 + b z + c is near the deviations (n,) at depths z (n,).
-
-    Deviations of 0 are ignored. counts: number of samples from which each deviation was estimated.
-    """
-    known = deviations > 0
-    number = np.count_nonzero(known)
-    if not number:
-        return 0.0, 0.0, 0.0
-    z, in_depth, shares = depths[known], deviations[known], np.broadcast_to(counts, known.shape)[known]
-    shares = shares / shares.max()
-    terms = np.empty((number, 3))
-    terms[:, 0], terms[:, 1], terms[:, 2] = z * z, z, 1.0
-    terms /= in_depth[:, None]
-    # As in `pyibr.images.noise`: for each set of terms, reweighted least squares minimise absolute differences.
-    sizes: Float64 = np.sqrt(np.add.reduce(terms * terms, axis=0))
-    scaled = terms / sizes
-    products = (scaled[:, :, None] * scaled[:, None, :]).reshape(number, 9)
-    found: Float64 = np.zeros((len(_CHOICES), 3))
-    differences: Float64 = np.zeros((len(_CHOICES), number))
-    for _ in range(_ROUNDS):
-        weights = shares / np.maximum(differences, _CLOSE)
-        weights /= np.maximum.reduce(weights, axis=1, keepdims=True)
-        systems = (weights @ products).reshape(-1, 3, 3) * _CHOSEN_PAIRS + _OTHERS
-        sums: Float64 = (weights @ scaled) * _CHOICES
-        found = cast("Float64", np.linalg.solve(systems, sums[:, :, None])[:, :, 0])
-        differences = np.abs(found @ scaled.T - 1)
-    off = differences @ shares / shares.sum() + _SIMPLER * _CHOICES.sum(axis=1)
-    choices = (found / sizes).tolist()
-    ranks = [by if min(choice) >= 0 else math.inf for by, choice in zip(off.tolist(), choices, strict=True)]
-    best = 0
-    for choice, rank in enumerate(ranks):
-        best = choice if rank < ranks[best] - _TIE else best
-    a, b, c = (min(term, _NOISE_MAX) for term in choices[best])
-    return a, b, c

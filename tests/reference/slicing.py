@@ -14,20 +14,9 @@ from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 from pyibr.slicing.boxes import Box
+from tests.reference.heights import bilinear
 
 Inside = Callable[[np.ndarray], np.ndarray]  # world points (N, 3) -> (N,) bool
-
-
-def bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Interpolate an image bilinearly at (x, y); pixel centres are at whole numbers, and border pixels are repeated."""
-    height, width = image.shape
-    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-    left, upper = np.floor(x).astype(int), np.floor(y).astype(int)
-    right, lower = np.minimum(left + 1, width - 1), np.minimum(upper + 1, height - 1)
-    fx, fy = x - left, y - upper
-    top = (1 - fx) * image[upper, left] + fx * image[upper, right]
-    bottom = (1 - fx) * image[lower, left] + fx * image[lower, right]
-    return (1 - fy) * top + fy * bottom
 
 
 def seen_at(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
