@@ -8,11 +8,20 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 
 
 def with_path(**more: str) -> dict[str, str]:
     """This process's environment and path, with further variables."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | more
+
+
+def run_python(
+    *arguments: str | Path, cwd: Path | str | None = None, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run Python with this process's path and further environment variables."""
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=cwd, env=with_path(**variables), capture_output=True, text=True)
 
 
 def run_within(seconds: float, command: Sequence[str], **variables: str) -> subprocess.CompletedProcess[str]:

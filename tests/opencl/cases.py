@@ -139,11 +139,8 @@ def _targets(view: DepthImage, size: Size) -> Iterator[tuple[str, ibr.Camera]]:
         width, height = view.camera.size
         larger = view.camera.K + np.array([[0, 0, 21], [0, 0, 23], [0, 0, 0]])
         for name, step in (("beyond rows", (0.3, 0, 0)), ("beyond columns", (0, -0.3, 0))):
-            moved = view.camera.moved(*step)
-            yield (
-                name,
-                ibr.Camera(larger, (width + 45, height + 47), moved.world_from_camera, projection=moved.projection),
-            )
+            pose, projection = view.camera.moved(*step).world_from_camera, view.camera.projection
+            yield name, ibr.Camera(larger, (width + 45, height + 47), pose, projection=projection)
 
 
 def _draw(
@@ -214,15 +211,9 @@ def _tiled_square() -> ibr.Mesh:
 
 def _above(setting: Setting) -> list[ibr.Camera]:
     """Cameras above the square, beside it and inside its relief."""
-    looks: tuple[tuple[tuple[float, ...], Size], ...] = (
-        ((0.5, 0.5, 0.6), (13, 7)),
-        ((1, 2, 1), (1, 1)),
-        ((0.5, 0.5, 0.05), (37, 5)),
-    )
-    return [
-        ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 1, 0.1), size, fov_y=60)
-        for eye, size in looks[: setting.choose(1, 2, 3)]
-    ]
+    eyes, sizes = ((0.5, 0.5, 0.6), (1, 2, 1), (0.5, 0.5, 0.05)), ((13, 7), (1, 1), (37, 5))
+    looks = list(zip(eyes, sizes, strict=True))[: setting.choose(1, 2, 3)]
+    return [ibr.Camera.look_at(eye, (0.5, 0.5, 0), (0, 1, 0.1), size, fov_y=60) for eye, size in looks]
 
 
 def _within() -> ibr.Camera:
@@ -298,11 +289,7 @@ def _views_around(setting: Setting, sizes: tuple[Size, ...]) -> list[DepthImage]
 
 
 def _objects(setting: Setting) -> Cases:
-    looks: tuple[tuple[tuple[float, ...], Size], ...] = (
-        ((2, 1, 2), (13, 7)),
-        ((2, 1, 0), (1, 1)),
-        ((0.05, 0, 0), (37, 5)),
-    )
+    looks = zip(((2, 1, 2), (2, 1, 0), (0.05, 0, 0)), ((13, 7), (1, 1), (37, 5)), strict=True)
     cameras = [ibr.Camera.look_at(eye, (0, 0, 0), (0, 1, 0.1), size, fov_y=40) for eye, size in looks]
     of_sizes: list[tuple[Size, ...]] = [((1, 1), (2, 2), (1, 5), (7, 1)), ((9, 7),) * 4]
     for sizes in of_sizes:

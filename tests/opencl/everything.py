@@ -30,21 +30,21 @@ def _arrays(frame: Frame) -> list[NDArray[Any]]:
     return [frame.color, frame.depth, frame.valid, *(values for values in more if values is not None)]
 
 
-def _view(scene: Callable[[tuple[int, int]], ibr.DepthImage]) -> ibr.DepthImage:
+def view_of(scene: Callable[[tuple[int, int]], ibr.DepthImage]) -> ibr.DepthImage:
     """A new view with the same arrays, and no data on the device yet."""
     known = scene(SIZE)
     return ibr.DepthImage(known.color, known.depth, known.camera)
 
 
-def _warped(**how: Any) -> Call:
+def warped(move: tuple[float, float, float] = (0.2, 0.1, 0.3), **how: Any) -> Call:
     def call() -> list[NDArray[Any]]:
-        view = _view(scenes.stepped)
-        return _arrays(ibr.warp(view, view.camera.moved(0.2, 0.1, 0.3), **how))
+        view = view_of(scenes.stepped)
+        return _arrays(ibr.warp(view, view.camera.moved(*move), **how))
 
     return call
 
 
-def _drawn(make: Callable[[], Any], lit: bool = True, relight: bool = False, anisotropy: int = 1) -> Call:
+def drawn(make: Callable[[], Any], lit: bool = True, relight: bool = False, anisotropy: int = 1) -> Call:
     def call() -> list[NDArray[Any]]:
         light = ibr.Light(direction=(-1, -1, -1), shadow_size=64, relight=relight) if lit else None
         return _arrays(ibr.render(make(), CAMERA, light, anisotropy=anisotropy))
@@ -52,13 +52,8 @@ def _drawn(make: Callable[[], Any], lit: bool = True, relight: bool = False, ani
     return call
 
 
-def _aside() -> list[NDArray[Any]]:
-    view = _view(scenes.stepped)
-    return _arrays(ibr.warp(view, view.camera.moved(0.2, 0, 0), fill="background"))
-
-
 def _blended() -> list[NDArray[Any]]:
-    view = _view(scenes.stepped)
+    view = view_of(scenes.stepped)
     aside = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
     views = [view, ibr.DepthImage(aside.color, aside.depth, aside.camera)]
     return _arrays(ibr.warp(views, view.camera.moved(0.1, 0.05, 0)))
@@ -76,7 +71,7 @@ def _looked_through() -> list[NDArray[Any]]:
 
 
 def _through_a_lens() -> list[NDArray[Any]]:
-    view = _view(scenes.holed)
+    view = view_of(scenes.holed)
     aside = view.camera.moved(0.2, 0.1, 0.3)
     camera = ibr.Camera(aside.K, aside.size, aside.world_from_camera, lens=LENS)
     bent = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, SIZE, lens=LENS), far=view.far)
@@ -90,7 +85,7 @@ def _through_a_lens() -> list[NDArray[Any]]:
 
 
 def _registered() -> list[NDArray[Any]]:
-    view = _view(scenes.holed)
+    view = view_of(scenes.holed)
     there = ibr.Camera(view.camera.K, SIZE, view.camera.moved(0.2, 0.1, 0.1).world_from_camera, lens=LENS)
     depth, color = np.where(view.valid, view.depth, np.float32(np.nan)), view.color
     seen = ibr.register_color(depth, view.camera, there, color)
@@ -101,7 +96,7 @@ def _registered() -> list[NDArray[Any]]:
 
 
 def _cleaned() -> list[NDArray[Any]]:
-    view = _view(scenes.holed)
+    view = view_of(scenes.holed)
     color = view.color.astype(np.float32) / 255
     first = ibr.clean_depth(np.where(view.valid, view.depth, np.float32(np.nan)), view.color)
     return [*first, *ibr.clean_depth(view.depth, color, before=first.depth), ibr.sharpen_depth(view.depth)]
@@ -119,13 +114,13 @@ def _from_within() -> list[NDArray[Any]]:
 
 
 def _simplified() -> list[NDArray[Any]]:
-    mesh = ibr.DepthMesh(_view(scenes.smooth))
+    mesh = ibr.DepthMesh(view_of(scenes.smooth))
     simple = mesh.simplify(0.01)
     return [simple.vertices, simple.faces, mesh.normals]
 
 
 def _from_noisy_depth() -> list[NDArray[Any]]:
-    view = _view(scenes.smooth)
+    view = view_of(scenes.smooth)
     noisy = ibr.DepthImage(view.color, view.depth, view.camera, noise=(0, 0, 0.01))
     return _arrays(ibr.render(ibr.DepthMesh(noisy), view.camera.moved(0.2, 0, 0)))
 
@@ -137,40 +132,40 @@ def calls() -> dict[str, Call]:
     colors = np.random.default_rng(2).integers(0, 255, (16, 16, 3)).astype(np.uint8)
     warnings.simplefilter("ignore")
     return {
-        "sweep": _warped(),
-        "connected": _warped(edges="connect", fill="background", classes=True),
-        "search": _warped(method="search"),
-        "forward": _warped(method="forward", splat=3.0),
-        "aside": _aside,
+        "sweep": warped(),
+        "connected": warped(edges="connect", fill="background", classes=True),
+        "search": warped(method="search"),
+        "forward": warped(method="forward", splat=3.0),
+        "aside": warped((0.2, 0, 0), fill="background"),
         "blended": _blended,
         "looked through": _looked_through,
         "blended in turns": _blended_in_turns,
-        "smooth": _warped(fill="smooth"),
-        "thin": _warped(thin=True, cut_ratio=1.001, classes=True),
+        "smooth": warped(fill="smooth"),
+        "thin": warped(thin=True, cut_ratio=1.001, classes=True),
         "lens": _through_a_lens,
-        "samples": _warped(samples=4),
-        "seen": _drawn(lambda: MarkedUnseen(as_drawable(base), views)),
-        "bounds": lambda: [surface_of(_view(scenes.stepped), None).bounds.to_host()],  # only used on GPUs
-        "noise": lambda: [np.array(_view(scenes.stepped).noise)],
+        "samples": warped(samples=4),
+        "seen": drawn(lambda: MarkedUnseen(as_drawable(base), views)),
+        "bounds": lambda: [surface_of(view_of(scenes.stepped), None).bounds.to_host()],  # only used on GPUs
+        "noise": lambda: [np.array(view_of(scenes.stepped).noise)],
         "registered": _registered,
         "cleaned": _cleaned,
-        "mesh": _drawn(lambda: ibr.Mesh(base.vertices, base.faces)),
-        "depth image": _drawn(lambda: [_view(scenes.stepped), ibr.Mesh(base.vertices, base.faces)]),
-        "sliced": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices=16)),
-        "sliced by view": _drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices="view")),
-        "relief": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2)),
+        "mesh": drawn(lambda: ibr.Mesh(base.vertices, base.faces)),
+        "depth image": drawn(lambda: [view_of(scenes.stepped), ibr.Mesh(base.vertices, base.faces)]),
+        "sliced": drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices=16)),
+        "sliced by view": drawn(lambda: ibr.SlicedSurface(base, heights, colors, 0.2, slices="view")),
+        "relief": drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2)),
         "relief from within": _from_within,
-        "filtered": _drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2), anisotropy=8),
-        "object": _drawn(lambda: ibr.DepthObject(views, slices=16)),
-        "thin object": _drawn(
+        "filtered": drawn(lambda: ibr.ReliefSurface(base, heights, colors, 0.2), anisotropy=8),
+        "object": drawn(lambda: ibr.DepthObject(views, slices=16)),
+        "thin object": drawn(
             lambda: ibr.DepthObject(object_views(models.donut(20), 32), slices=16, thin=True), lit=False
         ),
-        "hull": _drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),
-        "relit": _drawn(lambda: [_view(scenes.stepped), ibr.DepthObject(views, slices=16)], relight=True),
-        "relit hull": _drawn(lambda: ibr.VisualHull(views, slices=16), relight=True),
-        "relit depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views), relight=True),
-        "depth mesh": _drawn(lambda: ibr.DepthMesh(views[4]), lit=False),
-        "depth mesh object": _drawn(lambda: ibr.DepthMeshObject(views)),
+        "hull": drawn(lambda: ibr.VisualHull(views, slices=16), lit=False),
+        "relit": drawn(lambda: [view_of(scenes.stepped), ibr.DepthObject(views, slices=16)], relight=True),
+        "relit hull": drawn(lambda: ibr.VisualHull(views, slices=16), relight=True),
+        "relit depth mesh object": drawn(lambda: ibr.DepthMeshObject(views), relight=True),
+        "depth mesh": drawn(lambda: ibr.DepthMesh(views[4]), lit=False),
+        "depth mesh object": drawn(lambda: ibr.DepthMeshObject(views)),
         "depth mesh of noise": _from_noisy_depth,
         "simplified": _simplified,
         "captured": lambda: [capture(base, ibr.Camera(CAMERA.K, SIZE, CAMERA.world_from_camera, lens=LENS)).depth],

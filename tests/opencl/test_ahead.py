@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,46 +20,27 @@ from pyibr.opencl.device import current
 from pyibr.opencl.program import kernel
 from pyibr.opencl.runtimes import found_devices, runtime_of
 from tests import scenes
-from tests.processes import with_path
+from tests.opencl.everything import SIZE, Call, drawn, view_of, warped
+from tests.processes import run_within
 
-SIZE = (61, 37)
-CAMERA = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
-LIGHT = ibr.Light(direction=(-1, -1, -1), shadow_size=64)
 PLATE = ibr.Mesh([[x, y, 0] for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], [[0, 1, 2], [0, 2, 3]], uv=np.eye(4)[:, :2])
 HEIGHT, COLOR = np.linspace(0, 1, 80, dtype=np.float32).reshape(8, 10), np.full((8, 10, 3), 200, np.uint8)
 
 
-def view() -> ibr.DepthImage:
-    known = scenes.stepped(SIZE)
-    return ibr.DepthImage(known.color, known.depth, known.camera)
-
-
-def warped(x: float, y: float, **options: Any) -> Callable[[], ibr.Frame]:
-    def draw() -> ibr.Frame:
-        one = view()
-        return ibr.warp(one, one.camera.moved(x, y, 0), **options)
-
-    return draw
-
-
-def rendered(make: Callable[[], Any], light: ibr.Light | None = None) -> Callable[[], ibr.Frame]:
-    return lambda: ibr.render(make(), CAMERA, light)
-
-
-DRAWN: dict[str, Callable[[], ibr.Frame]] = {
-    "lines": warped(0.2, 0.1),
-    "rows": warped(0.2, 0),
-    "connected": warped(0.2, 0.1, edges="connect"),
-    "search": warped(0.2, 0.1, method="search"),
-    "lit": lambda: ibr.render(view(), view().camera.moved(0.2, 0.1, 0), LIGHT),
-    "mesh": rendered(lambda: PLATE),
-    "lit mesh": rendered(lambda: PLATE, LIGHT),
-    "slices": rendered(lambda: ibr.SlicedSurface(PLATE, HEIGHT, COLOR, 0.1)),
-    "relief": rendered(lambda: ibr.ReliefSurface(PLATE, HEIGHT, COLOR, 0.1)),
-    "lit relief": rendered(lambda: ibr.ReliefSurface(PLATE, HEIGHT, COLOR, 0.1), LIGHT),
-    "depth meshes": rendered(lambda: ibr.DepthMeshObject([view(), view()])),
-    "sheets": rendered(lambda: ibr.DepthMeshObject([view(), view()], closed="sheets")),
-    "open": rendered(lambda: ibr.DepthMeshObject([view(), view()], closed=False)),
+DRAWN: dict[str, Call] = {
+    "lines": warped((0.2, 0.1, 0)),
+    "rows": warped((0.2, 0, 0)),
+    "connected": warped((0.2, 0.1, 0), edges="connect"),
+    "search": warped((0.2, 0.1, 0), method="search"),
+    "lit": drawn(lambda: view_of(scenes.stepped)),
+    "mesh": drawn(lambda: PLATE, lit=False),
+    "lit mesh": drawn(lambda: PLATE),
+    "slices": drawn(lambda: ibr.SlicedSurface(PLATE, HEIGHT, COLOR, 0.1), lit=False),
+    "relief": drawn(lambda: ibr.ReliefSurface(PLATE, HEIGHT, COLOR, 0.1), lit=False),
+    "lit relief": drawn(lambda: ibr.ReliefSurface(PLATE, HEIGHT, COLOR, 0.1)),
+    "depth meshes": drawn(lambda: ibr.DepthMeshObject([view_of(scenes.stepped)] * 2), lit=False),
+    "sheets": drawn(lambda: ibr.DepthMeshObject([view_of(scenes.stepped)] * 2, closed="sheets"), lit=False),
+    "open": drawn(lambda: ibr.DepthMeshObject([view_of(scenes.stepped)] * 2, closed=False), lit=False),
 }
 
 
@@ -108,7 +87,7 @@ def test_a_kernel_compiled_ahead_does_nothing(name: str, asked: list[Any]):
 
 def test_a_program_is_asked_for_once(asked: list[Any]):
     for _ in range(3):
-        warped(0.2, 0.1)()
+        DRAWN["lines"]()
     assert len(asked) == len({file for file, *_ in asked}) == 4
 
 
@@ -139,9 +118,8 @@ pocl = pytest.mark.skipif(
 def draw(folder: Path, here: str = "", **variables: str) -> dict[str, str]:
     """Draw in a process with its own caches, and return its lines by their first word."""
     caches = {"PYIBR_CACHE": str(folder / "pyibr"), "POCL_CACHE_DIR": str(folder / "pocl")}
-    environment = with_path(**(caches | variables))
     command = [sys.executable, "-W", "error", "-X", "dev", "-c", PICTURE.replace("HERE", here)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    done = run_within(300, command, **(caches | variables))
     assert done.returncode == 0 and not done.stderr, done.stderr
     return dict(line.split(" ", 1) for line in done.stdout.splitlines())
 

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
 
@@ -27,7 +28,7 @@ from tests import scenes
 from tests.one_lane import one_lane
 from tests.opencl.everything import Call, calls, same
 from tests.opencl.test_in_flight import pieces
-from tests.processes import with_path
+from tests.processes import run_within, with_path
 
 
 class _Interrupted(Watch):
@@ -57,11 +58,8 @@ def _in_order(call: Call, expected: list[Any]) -> None:
 
 def _seen_from_elsewhere(session: device.Session) -> list[object]:
     """List the calls in progress, as another thread sees them."""
-    seen: list[list[object]] = []
-    other = threading.Thread(target=lambda: seen.append(list(session.calls.others)))
-    other.start()
-    other.join()
-    return seen[0]
+    with ThreadPoolExecutor(1) as other:
+        return other.submit(lambda: list(session.calls.others)).result()
 
 
 def test_calls_after_one_that_ended_at_some_launch():
@@ -159,25 +157,20 @@ print("in order")
 """
 
 
-def _child(script: str) -> subprocess.Popen[str]:
-    pipe = subprocess.PIPE
-    return subprocess.Popen([sys.executable, "-c", script], env=with_path(), stdout=pipe, stderr=pipe, text=True)
-
-
 posix = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timers that raise signals")
 
 
 @pytest.mark.thorough
 @posix
 def test_calls_after_one_that_ended_at_any_moment():
-    with _child(ALARMS) as child:
-        out, errors = child.communicate(timeout=600)
-    assert out == "in order\n", errors
+    done = run_within(600, [sys.executable, "-c", ALARMS])
+    assert done.stdout == "in order\n", done.stderr
 
 
 @posix
 def test_ctrl_c_ends_a_search_within_a_piece():
-    with _child(SEARCH) as child:
+    command, pipe = [sys.executable, "-c", SEARCH], subprocess.PIPE
+    with subprocess.Popen(command, env=with_path(), stdout=pipe, stderr=pipe, text=True) as child:
         assert child.stdout is not None
         child.stdout.readline()
         child.send_signal(signal.SIGINT)
@@ -248,11 +241,8 @@ def test_threads_share_the_device():
         while min(map(len, rights)) < 50 and sum(map(len, rights)) < 3000:
             rights[number].append(same(_warped(view, cameras[number]), alone[number]))
 
-    threads = [threading.Thread(target=draw, args=(number,)) for number in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(3) as threads:
+        list(threads.map(draw, range(3)))
     assert min(map(len, rights)) >= 50
     assert all(map(all, rights))
 
@@ -346,14 +336,10 @@ def test_threads_that_need_the_same_of_a_thing_make_it_once():
         made.append(object())
         return made[-1]
 
-    def ask() -> None:
+    def ask(_: int) -> object:
         barrier.wait()
-        found.append(cached_on_device(view, "of the test", make))
+        return cached_on_device(view, "of the test", make)
 
-    found: list[object] = []
-    threads = [threading.Thread(target=ask) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(ask, range(4)))
     assert len(made) == 1 and found == 4 * made

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,7 @@ from pyibr.opencl import selftest
 from pyibr.opencl.device import current, devices, explain, one_call, use_device
 from pyibr.opencl.profile import profile_of
 from pyibr.opencl.runtimes import found_devices
-from tests.processes import run_within, with_path
-
-
-def run(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], env=with_path(), capture_output=True, text=True)
+from tests.processes import run_python, run_within
 
 
 def test_a_device_of_this_machine_works_and_is_opened_once():
@@ -96,36 +92,20 @@ def test_a_call_stays_on_its_device(monkeypatch: pytest.MonkeyPatch):
 def test_use_device_holds_for_its_own_thread(monkeypatch: pytest.MonkeyPatch):
     usual = current().device
     monkeypatch.setenv("PYIBR_DEVICE", "no such device")
-    seen: list[object] = []
-
-    def elsewhere() -> None:
-        try:
-            seen.append(current())
-        except ArgumentError as error:
-            seen.append(error)
-
-    with use_device(usual):
-        thread = threading.Thread(target=elsewhere)
-        thread.start()
-        thread.join()
+    with use_device(usual), ThreadPoolExecutor(1) as elsewhere:
+        assert isinstance(elsewhere.submit(current).exception(), ArgumentError)
         assert current().device == usual
-    assert isinstance(seen[0], ArgumentError)
 
 
 def test_threads_that_start_together_share_one_session(nothing_open: None):
     barrier = threading.Barrier(8)
-    seen: list[object] = []
 
-    def start() -> None:
+    def start(_: int) -> object:
         barrier.wait()
-        seen.append(current())
+        return current()
 
-    threads = [threading.Thread(target=start) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(seen) == 8 and len(set(map(id, seen))) == 1
+    with ThreadPoolExecutor(8) as threads:
+        assert len(set(map(id, threads.map(start, range(8))))) == 1
 
 
 @pytest.mark.parametrize("wrong", [None, 1.5, True, ["cpu"]])
@@ -135,8 +115,6 @@ def test_use_device_refuses_what_names_no_device(wrong: Any):
 
 
 def test_a_device_that_cannot_be_opened_is_named(nothing_open: None, own_cache: Path, monkeypatch: pytest.MonkeyPatch):
-    import pyopencl as cl
-
     def refuse(devices: object) -> None:
         raise cl.MemoryError("no room on the device")
 
@@ -162,7 +140,7 @@ if os.fork() == 0:
     os._exit(2)
 print(os.waitstatus_to_exitcode(os.wait()[1]))
 """
-    done = run(code)
+    done = run_python("-c", code)
     assert done.stdout.strip() == "7", done.stderr
 
 
@@ -224,7 +202,7 @@ def test_a_process_ends_cleanly_while_daemon_threads_call(number: int):
     code = ENDING.format(
         threads=1 + number % 3, wait=0 if early else 60, more=0.1 * number if early else 0.003 * number
     )
-    done = run(code)
+    done = run_python("-c", code)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -233,7 +211,7 @@ def test_the_last_call_may_come_after_the_end_has_begun():
     code = ENDING.format(threads=2, wait=60, more=0)
     last = "import atexit\natexit.register(lambda: print(ibr.warp(views[0], camera).valid.all()))\n"
     for whole in (last + code, code + last):
-        done = run(whole)
+        done = run_python("-c", whole)
         assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")
 
 
@@ -249,5 +227,5 @@ if os.fork() == 0:
 print(os.waitstatus_to_exitcode(os.wait()[1]), time.monotonic() - start < 5)
 """
     )
-    done = run(code)
+    done = run_python("-c", code)
     assert (done.returncode, done.stdout) == (0, "7 True\n"), done.stderr

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +12,7 @@ from pyibr.app.cli import app
 from pyibr.app.commands import doctor
 from pyibr.opencl.device import current, devices
 from pyibr.opencl.doctor import print_report, report
-from tests.processes import with_path
+from tests.processes import run_python
 
 
 def test_the_report_names_every_device_and_the_chosen_one(capsys: pytest.CaptureFixture[str], own_cache: Path):
@@ -41,9 +39,9 @@ def test_the_report_where_nothing_is_found(capsys: pytest.CaptureFixture[str], m
 )
 def test_the_report_may_go_where_not_all_characters_can(encoding: str):
     """Files on Windows and old terminals have such encodings."""
-    command = [sys.executable, "-c", "from pyibr.opencl.doctor import print_report; print_report()"]
-    done = subprocess.run(command, env=with_path(PYTHONIOENCODING=encoding), capture_output=True)
-    assert done.returncode == 0 and b"pyibr uses" in done.stdout, done.stderr.decode()
+    code = "from pyibr.opencl.doctor import print_report; print_report()"
+    done = run_python("-c", code, PYTHONIOENCODING=encoding)
+    assert done.returncode == 0 and "pyibr uses" in done.stdout, done.stderr
 
 
 BUILDS_NOTHING = """
@@ -65,7 +63,7 @@ def test_doctor_builds_beforehand(own_cache: Path, monkeypatch: pytest.MonkeyPat
     doctor._view.cache_clear()
     result = CliRunner().invoke(app, ["doctor", "--build"])
     assert result.exit_code == 0 and "kernels of 1 kinds of pictures are built" in result.output, result.output
-    done = subprocess.run([sys.executable, "-c", BUILDS_NOTHING], env=with_path(), capture_output=True, text=True)
+    done = run_python("-c", BUILDS_NOTHING)
     assert done.returncode == 0 and int(done.stdout), done.stderr
 
 

@@ -7,6 +7,8 @@ import gc
 import mmap
 import os
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -77,17 +79,6 @@ def test_a_call_is_made_once_its_owner_is_gone():
     assert sorted(gone) == [(number, kind) for number in (0, 3, 4) for kind in "ab"]
 
 
-def test_memory_is_handed_out_again():
-    session = current()
-    session.memory_pool.clear()
-    array = memory.empty(LARGE, np.float32)
-    buffer = array.buffer
-    del array
-    gc.collect()
-    assert any(block.buffer is buffer for block in session.memory_pool)
-    assert memory.empty(LARGE, np.float32).buffer is buffer
-
-
 def test_spare_memory_is_bounded(monkeypatch):
     monkeypatch.setattr(memory, "_POOL_BYTES_MAX", 10_000_000)
     arrays = [memory.empty(LARGE, np.float32) for _ in range(5)]  # 6 MB each
@@ -106,11 +97,16 @@ def test_what_lay_idle_longest_goes_first(monkeypatch):
     assert [block.size for block in session.memory_pool] == [rounded(size) for size in sizes[1:]]
 
 
-def test_sizes_that_are_much_the_same_share_memory():
+@pytest.mark.parametrize(("size", "next_size"), [(6_006_000, 6_006_000), (1_000_000, 1_010_000)])
+def test_memory_is_handed_out_again_also_for_much_the_same_size(size, next_size):
     session = current()
     session.memory_pool.clear()
-    buffer = memory.empty((1_000_000,), np.uint8).buffer
-    assert memory.empty((1_010_000,), np.uint8).buffer is buffer
+    buffer = memory.empty((size,), np.uint8).buffer
+    assert any(block.buffer is buffer for block in session.memory_pool)
+    assert memory.empty((next_size,), np.uint8).buffer is buffer
+
+
+def test_sizes_are_rounded_up_a_little():
     for size in (0, 1, 4096, 4097, 10**6, 2**31 + 1):
         assert size <= rounded(size) <= max(size + size // 8, size + 4096)
         assert rounded(rounded(size)) == rounded(size)
@@ -146,31 +142,28 @@ def test_sizes_are_pythons_own_integers():
     assert [type(size) for size in made.shape] == [int, int]
 
 
-def out_of_memory(*_: object, **__: object) -> None:
-    raise OSError(errno.ENOMEM, "Cannot allocate memory")
+def refusing(error: Exception) -> Callable[..., Any]:
+    """A function that raises the error, whatever it is called with."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    return refuse
 
 
 def test_what_lies_idle_is_given_back_before_memory_counts_as_short(monkeypatch):
     session = current()
     memory.empty(LARGE, np.float32)
     assert list(session.memory_pool)
-    make, asked = memory._new, []
-
-    def refuse_first(*of: object) -> object:
-        asked.append(of)
-        return out_of_memory() if len(asked) == 1 else make(*of)
-
-    monkeypatch.setattr(memory, "_new", refuse_first)
+    answers = [refusing(OSError(errno.ENOMEM, "Cannot allocate memory")), memory._new]
+    monkeypatch.setattr(memory, "_new", lambda *of: answers.pop(0)(*of))
     kept = memory.empty((3000, 1001), np.float32)
-    assert kept.shape == (3000, 1001) and len(asked) == 2 and not list(session.memory_pool)
+    assert kept.shape == (3000, 1001) and not answers and not list(session.memory_pool)
 
 
 @pytest.mark.parametrize("error", [OSError(errno.ENOMEM, "no pages"), MemoryError(), cl.MemoryError("no room")])
 def test_arrays_that_find_no_memory_say_how_much(monkeypatch, error):
-    def refuse(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr(memory, "_new", refuse)
+    monkeypatch.setattr(memory, "_new", refusing(error))
     current().memory_pool.clear()
     with pytest.raises(ibr.OutOfMemoryError, match=r"not enough memory on .* for 12 MiB more") as caught:
         memory.empty((3000, 1000), np.float32)
@@ -178,18 +171,13 @@ def test_arrays_that_find_no_memory_say_how_much(monkeypatch, error):
 
 
 def test_uploads_that_find_no_memory_say_how_much(monkeypatch):
-    def refuse(*_: object, **__: object) -> None:
-        raise cl.MemoryError("no room")
-
-    monkeypatch.setattr(cl, "Buffer", refuse)
+    monkeypatch.setattr(cl, "Buffer", refusing(cl.MemoryError("no room")))
     for make in (memory.upload, memory.output):
         with pytest.raises(ibr.OutOfMemoryError, match="for 4 MiB more"):
             make(np.zeros((1024, 1024), np.float32))
 
 
-@pytest.mark.parametrize(
-    "error", [MemoryError("Unable to allocate 3.4 GiB for an array"), cl.MemoryError("no 3.4 GiB")]
-)
+@pytest.mark.parametrize("error", [MemoryError("Unable to allocate 3.4 GiB"), cl.MemoryError("no 3.4 GiB")])
 def test_a_call_that_runs_out_of_memory_anywhere_says_so(error):
     """During a call, NumPy may run out of the host's memory, and OpenCL of the device's."""
     with pytest.raises(ibr.OutOfMemoryError, match=r"not enough memory on .*3\.4 GiB"), one_call():
@@ -201,12 +189,9 @@ def test_a_call_that_runs_out_of_memory_anywhere_says_so(error):
 
 
 def test_launches_that_find_no_memory_name_the_kernel(monkeypatch):
-    def refuse(*_: object, **__: object) -> None:
-        raise cl.MemoryError("no room")
-
     array = memory.empty((1 << 20,), np.float32)
     clear(array, 0.0)
-    monkeypatch.setattr(cl, "enqueue_nd_range_kernel", refuse)
+    monkeypatch.setattr(cl, "enqueue_nd_range_kernel", refusing(cl.MemoryError("no room")))
     with pytest.raises(ibr.OutOfMemoryError, match=r"for the 4 MiB that clear\(\) reads and writes"):
         clear(array, 0.0)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import numpy
+import pyopencl
 import pytest
 
 from pyibr.core.errors import ArgumentError, DeviceError
@@ -20,7 +21,7 @@ from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.selftest import Outcome
 from tests.opencl.test_choice import found
-from tests.processes import with_path
+from tests.processes import run_python
 
 
 def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.MonkeyPatch):
@@ -64,23 +65,23 @@ def test_a_device_that_no_process_finds_is_broken_with_a_reason(own_cache: Path)
     assert "another process does not find this device" in outcome.reason
 
 
-def test_a_runtime_that_crashes_is_broken_with_a_reason(
-    own_cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.skipif(os.name != "posix", reason="the scripts are for a shell")
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("kill -SEGV $$", "the runtime crashed on a tiny kernel (signal 11)"),
+        ("exec sleep 60", "a tiny kernel did not end within 0.2 s"),
+    ],
+)
+def test_a_runtime_that_crashes_or_hangs_is_broken_with_a_reason(
+    script: str, reason: str, own_cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
     python = tmp_path / "python"
-    python.write_text("#!/bin/sh\nkill -SEGV $$\n")
+    python.write_text(f"#!/bin/sh\n{script}\n")
     python.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(python))
-    assert probe(found(0, "bad", "cpu")) == Outcome(False, "the runtime crashed on a tiny kernel (signal 11)")
-
-
-def test_a_runtime_that_hangs_is_broken_with_a_reason(own_cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    python = tmp_path / "python"
-    python.write_text("#!/bin/sh\nexec sleep 60\n")
-    python.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setenv(apart.VARIABLE, "0.2")
-    assert "did not end within 0.2 s" in probe(found(0, "bad", "cpu")).reason
+    monkeypatch.setenv(apart.VARIABLE, "0.2" if "sleep" in script else "60")
+    assert probe(found(0, "bad", "cpu")) == Outcome(False, reason)
 
 
 @pytest.mark.parametrize("wrong", ["soon", "-1", "nan", "inf"])
@@ -161,7 +162,7 @@ def test_what_lies_in_the_working_directory_is_not_run(planted: Path, own_cache:
     script = planted.parent / "bin" / "script.py"
     script.parent.mkdir()
     script.write_text("import pyibr as ibr; print([device.works for device in ibr.devices(fresh=True)])")
-    done = subprocess.run([sys.executable, script], cwd=planted, env=with_path(), capture_output=True, text=True)
+    done = run_python(script, cwd=planted)
     assert "True" in done.stdout, done.stdout + done.stderr
     assert not (planted.parent / "ran").exists(), (planted.parent / "ran").read_text()
 
@@ -178,7 +179,7 @@ os.chdir({str(planted)!r})
 sys.path.insert(0, {{"": "", "relative": "../downloads", "absolute": os.getcwd()}}[{way!r}])
 print([device.works for device in ibr.devices(fresh=True)])
 """
-    done = subprocess.run([sys.executable, "-c", code], cwd="/", env=with_path(), capture_output=True, text=True)
+    done = run_python("-c", code, cwd="/")
     assert "True" in done.stdout, done.stdout + done.stderr
     assert not (planted.parent / "ran").exists(), (planted.parent / "ran").read_text()
 
@@ -188,16 +189,12 @@ def test_the_working_directory_may_be_gone(tmp_path: Path, own_cache: Path):
     """A shell may stand in a folder that was removed, with which the module path begins."""
     (tmp_path / "gone").mkdir()
     code = "import os; os.rmdir('../gone')\nimport pyibr as ibr; print([d.works for d in ibr.devices(fresh=True)])"
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=tmp_path / "gone", env=with_path(), capture_output=True, text=True)
+    done = run_python("-c", code, cwd=tmp_path / "gone")
     assert "True" in done.stdout and not done.stderr, done.stdout + done.stderr
 
 
 def test_the_test_finds_what_this_process_has_wherever_it_lies(tmp_path: Path, own_cache: Path):
     """The module path has several folders, from variables or added by the program, some of them relative."""
-    import numpy
-    import pyopencl
-
     here = Path(__file__).parents[2]
     places = {"one": here / "pyibr", "two": Path(numpy.__file__).parent, "three": Path(pyopencl.__file__).parent}
     for name, package in places.items():
@@ -217,9 +214,8 @@ for found in found_devices():
     print(probe.probe(found))
 print(apart._folders())
 """
-    environment = with_path() | {"PYTHONPATH": f"{tmp_path / 'two'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    path = f"{tmp_path / 'two'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    done = run_python("-c", code, cwd=tmp_path, PYTHONPATH=path)
     assert "works=True" in done.stdout, done.stdout + done.stderr
     for name in places:
         assert f"'{tmp_path / name}'" in done.stdout

@@ -7,13 +7,15 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pyopencl as cl
 import pytest
 
 from pyibr.opencl import runtimes, unlisted
-from tests.processes import with_path
+from tests.opencl.test_choice import found
+from tests.processes import run_python, with_path
 
 
 @pytest.fixture
@@ -128,23 +130,16 @@ def test_what_a_further_runtime_needs_is_one_object(intel: Path, monkeypatch: py
         assert os.environ["PYIBR_NOBODYS"] == "1"
     assert "PYIBR_NOBODYS" not in os.environ
     assert runtimes.problems() == [runtimes.Problem(f"Another ({intel}) lacks libmore.so", "install it")]
-    device = runtimes.Found(0, "Nobody's OpenCL", "it", "its maker", "OpenCL 3.0", "", "cpu", "key", None)  # pyright: ignore[reportArgumentType]
-    assert runtimes.remedy_for(device) == "mend it"
+    assert runtimes.remedy_for(replace(found(0, "it", "cpu"), platform="Nobody's OpenCL")) == "mend it"
 
 
 @pytest.mark.parametrize(
-    ("kind", "version", "told"),
-    [
-        ("cpu", "PoCL 3.1, LLVM 15", 1),
-        ("cpu", "PoCL 6.0, LLVM 19", 0),
-        ("cpu", "PoCL 8.0, LLVM 17", 0),
-        ("gpu", "PoCL 3.1, LLVM 15", 0),
-    ],
+    ("kind", "version", "count"),
+    [("cpu", "3.1, LLVM 15", 1), ("cpu", "6.0, LLVM 19", 0), ("cpu", "8.0, LLVM 17", 0), ("gpu", "3.1, LLVM 15", 0)],
 )
-def test_releases_of_pocl_that_were_read_optimize_each_kernel_alone(kind: runtimes.Kind, version: str, told: int):
-    version = f"OpenCL 3.0 {version}.0.6, SLEEF"
-    device = runtimes.Found(0, "Portable Computing Language", "it", "its maker", version, "", kind, "key", None)  # pyright: ignore[reportArgumentType]
-    assert len(runtimes.runtime_of(device).options(device)) == told
+def test_releases_of_pocl_that_were_read_optimize_each_kernel_alone(kind: runtimes.Kind, version: str, count: int):
+    device = found(0, "it", kind, f"OpenCL 3.0 PoCL {version}.0.6, SLEEF")
+    assert len(runtimes.runtime_of(device).options(device)) == count
 
 
 AFTER_ANOTHER_LIBRARY = """
@@ -176,8 +171,7 @@ def test_intels_runtime_is_loaded_beside_an_older_library_of_the_same_name(intel
         needs = ["-L", library.parent, "-l:libtbb.so.12", "-Wl,-rpath,$ORIGIN"] if library == intel else []
         named = [f"-Wl,-soname,{library.name}", "-x", "c", "-", "-x", "none"]
         subprocess.run([compiler, "-shared", "-fPIC", *named, *needs, "-o", library], input=text, text=True, check=True)
-    command = [sys.executable, "-c", AFTER_ANOTHER_LIBRARY, intel.parent.parent]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run_python("-c", AFTER_ANOTHER_LIBRARY, intel.parent.parent)
     assert done.stdout.split() == ["42", "1"], done.stderr
 
 
@@ -237,15 +231,12 @@ print([hashlib.sha256(frame.color.tobytes() + frame.depth.tobytes()).hexdigest()
 
 
 @pytest.mark.thorough
-def test_kernels_for_one_size_of_work_groups_draw_the_same():
+def test_kernels_for_one_size_of_work_groups_draw_the_same(monkeypatch: pytest.MonkeyPatch):
     """PoCL compiles such kernels by default; `make test` disables this for the suite."""
     variable = "POCL_WORK_GROUP_SPECIALIZATION"
-    environment = {name: value for name, value in with_path().items() if name != variable}
-    pictures = [
-        subprocess.run([sys.executable, "-c", PICTURES], env=environment | told, capture_output=True, check=True).stdout
-        for told in ({}, {variable: "0"})
-    ]
-    assert pictures[0] == pictures[1] != b""
+    monkeypatch.delenv(variable, raising=False)
+    pictures = [run_python("-c", PICTURES, **told).stdout for told in ({}, {variable: "0"})]
+    assert pictures[0] == pictures[1] != ""
 
 
 POCLS = ("POCL_AFFINITY", "POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
