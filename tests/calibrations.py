@@ -18,6 +18,7 @@ FISHEYE = ibr.Camera(K, SIZE, lens=ibr.Lens("kannala_brandt", BENT[:4]))
 ROWS = "50 0 30.5\n0 51 17.75\n0 0 1\n"
 NUMBERS = "[50, 0., 30.5, 0., 51,\n       17.75, 0., 0., 1.]"
 D = str(BENT)
+ITEMS = "".join(f"- {float(number)}\n" for row in K for number in row)
 INTRINSIC = {"fx": 50, "fy": 51, "cx": 30.5, "cy": 17.75, "width": 61, "height": 37}
 DISTORTION = {"k1": -0.2, "k2": 0.05, "k3": 0.01, "k4": 0, "k5": 0, "k6": 0, "p1": 0.001, "p2": -0.002}
 
@@ -31,23 +32,14 @@ camera_matrix:
 distortion_model: plumb_bob
 distortion_coefficients: {{rows: 1, cols: 5, data: {D}}}
 """
-ROS_MESSAGE = """header:
+ROS_MESSAGE = f"""header:
   frame_id: eye
 height: 37
 width: 61
 distortion_model: ''
 d: []
 k:
-- 50.0
-- 0.0
-- 30.5
-- 0.0
-- 51.0
-- 17.75
-- 0.0
-- 0.0
-- 1.0
-roi: {x_offset: 0, y_offset: 0}
+{ITEMS}roi: {{x_offset: 0, y_offset: 0}}
 ---
 height: 99
 """
@@ -114,16 +106,8 @@ ORBBEC = (
     + "".join(f"rot{k}={int(k % 4 == 0)}\n" for k in range(9))
     + "trans0=-25\ntrans1=0\ntrans2=4\n"
 )
-REALSENSE = {
-    "width": 61,
-    "height": 37,
-    "fx": 50,
-    "fy": 51,
-    "ppx": 30.5,
-    "ppy": 17.75,
-    "model": "distortion.brown_conrady",
-}
-REALSENSE |= {"coeffs": BENT}
+REALSENSE = {"width": 61, "height": 37, "fx": 50, "fy": 51, "ppx": 30.5, "ppy": 17.75}
+REALSENSE |= {"model": "distortion.brown_conrady", "coeffs": BENT}
 ORBBEC_JSON = {"rgbIntrinsic": INTRINSIC, "rgbDistortion": DISTORTION}
 REPLICA = {"camera": {"w": 61, "h": 37, "fx": 50, "fy": 51, "cx": 30.5, "cy": 17.75, "scale": 6553.5}}
 BOP = {"cx": 30.5, "cy": 17.75, "fx": 50, "fy": 51, "width": 61, "height": 37, "depth_scale": 0.1}
@@ -146,23 +130,14 @@ FILES: dict[str, tuple[str, ibr.Camera]] = {
     "K_normalized.txt": (f"{50 / 61} 0 {31 / 61}\n0 {51 / 37} {18.25 / 37}\n0 0 1\n", FLAT),
 }
 
-AZURE = {
-    "CalibrationInformation": {
-        "Cameras": [
-            {
-                "Location": "CALIBRATION_CameraLocationD0",
-                "SensorWidth": 1024,
-                "SensorHeight": 1024,
-                "Intrinsics": {
-                    "ModelType": "CALIBRATION_LensDistortionModelBrownConrady",
-                    "ModelParameters": [0.51, 0.52, 0.49, 0.49, 0.55, -0.02, 0, 0.89, 0.09, -0.01, 0, 0, 0, 0],
-                },
-                "MetricRadius": 1.74,
-                "Rt": {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]},
-            }
-        ]
-    }
+AZURE_INTRINSICS = {
+    "ModelType": "CALIBRATION_LensDistortionModelBrownConrady",
+    "ModelParameters": [0.51, 0.52, 0.49, 0.49, 0.55, -0.02, 0, 0.89, 0.09, -0.01, 0, 0, 0, 0],
 }
+AZURE_DEPTH = {"Location": "CALIBRATION_CameraLocationD0", "SensorWidth": 1024, "SensorHeight": 1024}
+AZURE_DEPTH |= {"Intrinsics": AZURE_INTRINSICS, "MetricRadius": 1.74}
+AZURE_DEPTH |= {"Rt": {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}}
+AZURE = {"CalibrationInformation": {"Cameras": [AZURE_DEPTH]}}
 
 
 def oak() -> dict[str, Any]:

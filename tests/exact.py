@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
+from tests.scenes import moved_aside
 
 Array = NDArray[Any]
 
@@ -28,16 +29,10 @@ def off(found: Array, expected: Array) -> Array:
         return (np.isfinite(found) != np.isfinite(expected)) | (np.abs(found / expected - 1) > OFF)
 
 
-def with_center_moved(camera: Camera, x: float, y: float) -> Camera:
-    """Return the camera with its principal point moved this many pixels to the right and down."""
-    K = np.add(camera.K, [[0, 0, x], [0, 0, y], [0, 0, 0]])
-    return Camera(K, camera.size, camera.world_from_camera, projection=camera.projection)
-
-
 def ties(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
     """(H, W) bool: pixels whose depth changes if the ray moves by `HAIR`, since it passes an end of the surface."""
     here = depth_seen_by(camera)
-    beside = (with_center_moved(camera, x, y) for x, y in ((HAIR, 0), (-HAIR, 0), (0, HAIR), (0, -HAIR)))
+    beside = (moved_aside(camera, x, y) for x, y in ((HAIR, 0), (-HAIR, 0), (0, HAIR), (0, -HAIR)))
     return np.any([off(depth_seen_by(other), here) for other in beside], axis=0)
 
 
@@ -47,6 +42,6 @@ def slivers(depth_seen_by: Callable[[Camera], Array], camera: Camera) -> Array:
     a, b = 0.5, 0.5 / np.sqrt(2)
     found = np.zeros(here.shape, bool)
     for x, y in ((a, 0), (0, a), (b, b), (b, -b)):
-        sides = [off(depth_seen_by(with_center_moved(camera, s * x, s * y)), here) for s in (1, -1)]
+        sides = [off(depth_seen_by(moved_aside(camera, s * x, s * y)), here) for s in (1, -1)]
         found |= sides[0] & sides[1]
     return found

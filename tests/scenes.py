@@ -204,23 +204,10 @@ def target_cameras(
 ) -> list[Pose]:
     """Target cameras whose epipole lies in ``region``, one for each possible pair of both epipoles' signs.
 
-    Parameters
-    ----------
-    view : DepthImage
-        View that the cameras look at.
-    region : str
-        A letter of `REGIONS`.
-    size : (width, height), optional
-        Size of the target image; by default the source's.
-    projection : {"perspective", "orthographic"}
-        Projection of the target camera.
-    share : float
-        Least fraction of the target image that shows the surface's front. A pair of signs is left out if no camera
-        shows so much. Orthographic targets always have the signs (1, -1): with its centre in front of the source
-        camera, such a target would look back and see the surface's back.
+    A pair of signs is left out if no camera shows the surface's front in the fraction `share` of the target image. Its
+    size is by default the source's. Orthographic targets always have the signs (1, -1): with its centre in front of the
+    source camera, such a target would look back and see the surface's back.
 
-    Notes
-    -----
     The epipole's pixel and sign fix the direction from the target's centre to the source's, in the target's frame. The
     distance and the target's rotation are free: a search over a fixed grid finds a good view of the surface.
     """

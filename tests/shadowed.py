@@ -17,27 +17,30 @@ from tests.slicing.solids import revolved
 AMBIENT = 0.25
 
 
+def white(points: np.ndarray, faces: np.ndarray) -> ibr.Mesh:
+    return ibr.Mesh(points, faces, colors=np.full((len(points), 3), 255, np.uint8))
+
+
 def plane(half: float = 2.0, z: float = 0.0) -> ibr.Mesh:
     corners = [[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]]
-    return ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 255, np.uint8))
+    return white(corners, [[0, 1, 2], [0, 2, 3]])
 
 
 def box(middle: tuple[float, float, float], half: tuple[float, float, float]) -> ibr.Mesh:
     """A box whose sides share corners, so that its interpolated normals differ much from the sides' normals."""
-    points, faces = cuboid(np.subtract(middle, half), np.add(middle, half))
-    return ibr.Mesh(points, faces, colors=np.full((8, 3), 255, np.uint8))
+    return white(*cuboid(np.subtract(middle, half), np.add(middle, half)))
 
 
 def ring(middle: tuple[float, float, float], radius: float, tube: float, sides: int = 96) -> ibr.Mesh:
     turn = np.arange(48) * 2 * np.pi / 48
     points, faces = revolved(np.column_stack([radius + tube * np.cos(turn), tube * np.sin(turn)]), True, sides)
-    return ibr.Mesh(points[:, [2, 0, 1]] + middle, faces, colors=np.full((len(points), 3), 255, np.uint8))
+    return white(points[:, [2, 0, 1]] + middle, faces)
 
 
 def ball(middle: tuple[float, float, float], radius: float) -> ibr.Mesh:
     turn = np.linspace(-np.pi / 2, np.pi / 2, 49)
     points, faces = revolved(radius * np.column_stack([np.cos(turn), np.sin(turn)]), False)
-    return ibr.Mesh(points[:, [2, 0, 1]] + middle, faces, colors=np.full((len(points), 3), 255, np.uint8))
+    return white(points[:, [2, 0, 1]] + middle, faces)
 
 
 SCENES = {
@@ -111,14 +114,8 @@ def edges(of: np.ndarray) -> np.ndarray:
 
 def shares(things: Any, camera: Camera, light: ibr.Light, **options: Any) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) fraction of the unshadowed light that a picture shows, and the mask of pixels where it is measurable."""
-    plain = ibr.Light(
-        direction=light.direction,
-        position=light.position,
-        color=light.color,
-        ambient=light.ambient,
-        angle=light.angle,
-        shadow_size=0,
-    )
+    kept = {name: getattr(light, name) for name in ("direction", "position", "color", "ambient", "angle")}
+    plain = ibr.Light(**kept, shadow_size=0)
     picture, lit = (ibr.render(things, camera, one, **options).color[..., 0].astype(float) for one in (light, plain))
     own = ibr.render(things, camera, **options).color[..., 0].astype(float)
     told = lit - AMBIENT * own > 8  # levels of 255; with less light, rounding changes the fraction too much

@@ -16,6 +16,7 @@ import pytest
 
 import pyibr
 from pyibr.opencl.headers import kernels_folder
+from tests.processes import run_python
 
 PACKAGE = Path(pyibr.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -75,7 +76,7 @@ triangle = ibr.Mesh(np.array([[-1, -1, 2], [1, -1, 2], [0, 1, 2]], np.float32), 
 print(ibr.render([triangle], ibr.Camera([[9, 0, 6], [0, 9, 5], [0, 0, 1]], (13, 11))).valid.any())
 print(later <= {*dir(ibr)}, all(hasattr(ibr, name) for name in {*ibr.__all__, *later}))
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    done = run_python("-c", code)
     assert done.stdout == "\nTrue\nTrue True\n", done.stdout + done.stderr
     with pytest.raises(AttributeError, match="module 'pyibr' has no attribute 'nothing'"):
         pyibr.nothing  # noqa: B018

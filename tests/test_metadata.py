@@ -20,14 +20,9 @@ REMOTES = {
     "https://me:secret@git.example.org/name/": "https://git.example.org/name",
     "git@git.example.org:group/name.git": "https://git.example.org/group/name",
     "ssh://git@git.example.org:2222/group/name": "https://git.example.org/group/name",
-    "": None,
-    "/home/me/name": None,
-    "../name.git": None,
-    "file:///home/me/name": None,
-    "https://localhost/name": None,
-    "http://127.0.0.1:8000/name.git": None,
-    "me@nas:name": None,
 }
+REMOTES |= dict.fromkeys(["", "/home/me/name", "../name.git", "file:///home/me/name", "me@nas:name"])
+REMOTES |= dict.fromkeys(["https://localhost/name", "http://127.0.0.1:8000/name.git"])
 
 
 def test_only_public_hosts_are_addresses():

@@ -95,12 +95,8 @@ def is_option(code: str) -> bool:
     return any(
         match[1] in inspect.signature(thing).parameters and f'"{match[2]}"' in inspect.getdoc(thing)
         for thing in public
-        if callable(thing) and not is_enum_or_error(thing)
+        if callable(thing) and not (inspect.isclass(thing) and issubclass(thing, Enum | Exception))
     )
-
-
-def is_enum_or_error(thing: object) -> bool:
-    return inspect.isclass(thing) and issubclass(thing, Enum | Exception)
 
 
 def names_something(cell: str) -> bool:

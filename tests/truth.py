@@ -47,14 +47,8 @@ class Truth:
 class Surface:
     """The triangulated pixel grid of one depth image, prepared for rays from many cameras.
 
-    Parameters
-    ----------
-    view : DepthImage
-        Source image.
-    edges : {"connect", "cut"}
-        "cut" leaves out triangles with a torn edge, as in `tests.reference.edges`.
-    cut_ratio : float or None
-        If given, edges are torn where the ratio of two neighbouring depths exceeds it.
+    Edges are torn as `tests.reference.edges` says, for `edges` "cut"; with `cut_ratio`, where two neighbouring depths
+    have a larger ratio.
 
     Attributes
     ----------

@@ -13,21 +13,10 @@ import pyibr as ibr
 from tests import scenes
 
 SIZES = (1, 1, 2, 3, 7, 13, 16, 17, 31, 32, 33, 48, 64, 65, 70)
-WRONG: tuple[Any, ...] = (
-    None,
-    "wrong",
-    -1,
-    0,
-    1.5,
-    math.nan,
-    math.inf,
-    [],
-    [[1], [1, 2]],
-    {},
-    object,
-    np.zeros((2, 2)),
-    b"x",
-)
+WRONG: tuple[Any, ...] = (None, "wrong", -1, 0, 1.5, math.nan, math.inf, [], [[1], [1, 2]], {}, object, b"x")
+WRONG += (np.zeros((2, 2)),)
+LENSES = [("brown_conrady", 5), ("rational", 8), ("modified_brown_conrady", 5), ("inverse_brown_conrady", 4)]
+LENSES += [("kannala_brandt", 4)]
 SCALES = (1e-30, 1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9, 1e12, 1e30)
 STRANGE_DEPTHS = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-30, 1e-6, 1e6, 1e10, 1e30, 3.4e38)
 
@@ -105,15 +94,7 @@ def random_camera(chance: Chance, scale: float = 1.0, size: tuple[int, int] | No
 
 def random_lens(chance: Chance) -> Any:
     """A lens of any model, mostly with realistic distortion."""
-    model, count = chance.one(
-        [
-            ("brown_conrady", 5),
-            ("rational", 8),
-            ("modified_brown_conrady", 5),
-            ("inverse_brown_conrady", 4),
-            ("kannala_brandt", 4),
-        ]
-    )
+    model, count = chance.one(LENSES)
     coefficients = chance.rng.normal(0, chance.one([0, 0.01, 0.01, 0.1, 0.1, 1, 1e30]), count)
     radius = chance.one([math.inf, math.inf, 1.0, 0.1, 1e-9])
     return chance.mostly(ibr.Lens(model, chance.mostly(coefficients), radius=chance.mostly(radius)))
@@ -222,9 +203,7 @@ def random_mesh(chance: Chance, scale: float, uv: bool) -> ibr.Mesh:
     y, x = np.mgrid[:n, :n] / (n - 1)
     points = np.column_stack([2 * x.ravel() - 1, 2 * y.ravel() - 1, 3 + 0.2 * np.sin(9 * x * y).ravel()])
     corner = (np.mgrid[: n - 1, : n - 1] * [[[n]], [[1]]]).sum(axis=0).ravel()
-    faces = np.concatenate(
-        [np.stack([corner, corner + n, corner + 1], 1), np.stack([corner + 1, corner + n, corner + n + 1], 1)]
-    )
+    faces = (corner[:, None] + [0, n, 1, 1, n, n + 1]).reshape(-1, 3)
     places = np.column_stack([x.ravel(), y.ravel()])
     if chance(0.25):
         points += rng.normal(0, chance.one([0, 1, 100]), points.shape)
@@ -318,9 +297,8 @@ def views_around(chance: Chance, scale: float, floats: bool, count: int) -> list
         projection = "perspective"
         if chance(0.3):
             f, projection = f / (2.2 * scale), "orthographic"
-        camera = ibr.Camera(
-            [[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]], size, turn, projection=projection
-        )
+        K = [[f, 0, (size[0] - 1) / 2], [0, f, (size[1] - 1) / 2], [0, 0, 1]]
+        camera = ibr.Camera(K, size, turn, projection=projection)
         y, x = np.mgrid[: size[1], : size[0]]
         off = ((x - camera.K[0, 2]) / (0.45 * size[0])) ** 2 + ((y - camera.K[1, 2]) / (0.45 * size[1])) ** 2
         depth = np.where(off < 1, 2 - np.sqrt(np.maximum(1 - off, 0)), chance.one([np.nan, np.inf, 1e10, 100])) * scale

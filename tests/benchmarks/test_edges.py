@@ -12,7 +12,6 @@ import pytest
 from numpy.typing import NDArray
 
 import pyibr as ibr
-from benchmarks import report
 from benchmarks.cases import QUICK
 from benchmarks.results import Record, Result, Skip
 from benchmarks.warp import edges
@@ -34,7 +33,7 @@ from benchmarks.warp.solids import (
     cast,
     sampled,
 )
-from tests.benchmarks.test_report import ENVIRONMENT
+from tests.benchmarks.test_report import ENVIRONMENT, reported
 
 Array = NDArray[Any]
 
@@ -127,10 +126,7 @@ def test_truth_knows_seams_limbs_small_steps_and_what_is_missing() -> None:
     assert top.any() and (below[top] == TWO_SURFACES).all()
     assert ((right == TWO_SURFACES) == (is_box[:, 1:] != is_box[:, :-1]))[: H // 2].all()
 
-    bend = [
-        Rod(np.array([-0.5, 0, 2]), np.array([0.5, 0, 2]), 0.12),
-        Rod(np.array([-0.5, 0, 2]), np.array([0.4, 0.1, 1.5]), 0.12),
-    ]
+    bend = [Rod(np.array([-0.5, 0, 2]), np.array(end), 0.12) for end in ((0.5, 0, 2), (0.4, 0.1, 1.5))]
     _, right, below = sampled([bend], CAMERA)
     assert (below == TWO_SURFACES).any() and (below == ONE_SURFACE).any() and (below == UNJUDGED).any()
 
@@ -237,17 +233,10 @@ def test_section_judges_totals_and_shows_losses(tmp_path: Path) -> None:
     result = Result("edges", ENVIRONMENT)
     for size in ("320 x 240", "60 x 45"):
         for scene, sheets in (("a", 4.0), ("b", 1100.0)):
-            result.records += canned(
-                size,
-                scene,
-                {
-                    edges.AUTOMATIC: ([15.0, 5.0], [sheets, 0.0]),
-                    "cut_ratio=1.02": ([80.0, 90.0], [1.0, 1.0]),
-                    edges.BASE: ([50.0, 7.0], [500.0, 3.0]),
-                },
-            )
-    result.save(tmp_path / "edges.json")
-    text = report.write(tmp_path).read_text()
+            counts = {edges.AUTOMATIC: ([15.0, 5.0], [sheets, 0.0]), edges.BASE: ([50.0, 7.0], [500.0, 3.0])}
+            counts["cut_ratio=1.02"] = ([80.0, 90.0], [1.0, 1.0])
+            result.records += canned(size, scene, counts)
+    text = reported(result, tmp_path)
     assert "images of 2 scenes" in text
     assert "| 320 x 240 | none | 30 / 1,104 | 160 / 2 | 100 / 1,000 | met | met |" in text
     assert "| 320 x 240 | blurred | 10 / 0 | 180 / 2 | 14 / 6 | **not met** | met |" in text
@@ -261,7 +250,6 @@ def test_section_without_losses_shows_none(tmp_path: Path) -> None:
     result = Result("edges", ENVIRONMENT)
     same = ([2.0, 3.0], [4.0, 5.0])
     result.records += canned("320 x 240", "a", {way: same for way in edges.WAYS})
-    result.save(tmp_path / "edges.json")
-    text = report.write(tmp_path).read_text()
+    text = reported(result, tmp_path)
     assert "| 320 x 240 | none | 2 / 4 | 2 / 4 | 2 / 4 | **not met** | met |" in text
     assert "Where the ratio is better" not in text

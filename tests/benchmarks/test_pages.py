@@ -12,18 +12,10 @@ from benchmarks.cases import FULL
 from benchmarks.results import Result
 from tests.benchmarks.test_report import ENVIRONMENT
 
+COARSE = [[10.0, "jpeg", 320, 240], [10.05, "jpeg", 320, 240]]
+FINE = [[10.15, "jpeg", 640, 480], [10.22, "jpeg", 640, 480], [10.5, "png", 640, 480], [10.6, "png", 640, 480]]
 ROUNDS = [
-    {
-        "last": 10.2,
-        "pictures": [
-            [10.0, "jpeg", 320, 240],
-            [10.05, "jpeg", 320, 240],
-            [10.15, "jpeg", 640, 480],
-            [10.22, "jpeg", 640, 480],
-            [10.5, "png", 640, 480],
-            [10.6, "png", 640, 480],
-        ],
-    },
+    {"last": 10.2, "pictures": COARSE + FINE},
     {"last": 20.0, "pictures": [[19.9, "jpeg", 640, 480], [20.25, "png", 640, 480]]},
 ]
 

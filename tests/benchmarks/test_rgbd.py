@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from benchmarks import report, scenes
+from benchmarks import scenes
 from benchmarks.cases import FULL, QUICK
 from benchmarks.cleaning import cleaning
 from benchmarks.results import Record, Result, Skip
 from benchmarks.warp import filling, opencv, registration, rgbd, rgbd_uses, steady
 from benchmarks.warp.opencv import Task
 from pyibr.images import metrics
-from tests.benchmarks.test_report import ENVIRONMENT
+from tests.benchmarks.test_report import ENVIRONMENT, reported
 from tests.reference.edges import edges_of
 
 SCENES = [scenes.ROOM, scenes.LIVINGROOM]
@@ -99,27 +99,25 @@ def canned(linear: float) -> Result:
     pyibr linear takes ``linear`` times as long without noise. pyibr nearest takes half as long, in one row four times.
     """
     result = Result("rgbd", ENVIRONMENT)
-    for size in ("640 x 480", "3840 x 2160"):
-        for noise in (0.0, 0.3):
-            for kind, motions in rgbd.MOTIONS.items():
-                for motion in motions:
-                    parameters = {"size": size, "noise": noise, "kind": kind, "motion": motion}
-                    here = {"case": "warp", "scene": scenes.ROOM, **parameters}
-                    worst = size == "3840 x 2160" and noise == 0.3 and motion == "from 50"
-                    factors = {rgbd.LINEAR: linear + noise, rgbd.NEAREST: 4.0 if worst else 0.5, opencv.BASE: 1.0}
-                    for subject, factor in factors.items():
-                        values = [10 * factor * f for f in (0.9, 1.0, 1.3)]
-                        result.records.append(Record(subject, "end to end", "ms", here, values))
-                    result.records.append(Record(rgbd.LINEAR, "kernels", "ms", here, [3.0]))
-                    for subject in (rgbd.NEAREST, opencv.BASE):
-                        result.records.append(Record(subject, "coverage", "share", here, [0.5]))
-                    result.records.append(Record(opencv.BASE, "median depth difference", "share", here, [0.01]))
+    for size, noise, (kind, motions) in itertools.product(
+        ("640 x 480", "3840 x 2160"), (0.0, 0.3), rgbd.MOTIONS.items()
+    ):
+        for motion in motions:
+            here = {"case": "warp", "scene": scenes.ROOM, "size": size, "noise": noise, "kind": kind, "motion": motion}
+            worst = size == "3840 x 2160" and noise == 0.3 and motion == "from 50"
+            factors = {rgbd.LINEAR: linear + noise, rgbd.NEAREST: 4.0 if worst else 0.5, opencv.BASE: 1.0}
+            for subject, factor in factors.items():
+                values = [10 * factor * f for f in (0.9, 1.0, 1.3)]
+                result.records.append(Record(subject, "end to end", "ms", here, values))
+            result.records.append(Record(rgbd.LINEAR, "kernels", "ms", here, [3.0]))
+            for subject in (rgbd.NEAREST, opencv.BASE):
+                result.records.append(Record(subject, "coverage", "share", here, [0.5]))
+            result.records.append(Record(opencv.BASE, "median depth difference", "share", here, [0.01]))
     return result
 
 
 def test_section_names_the_worst_row_and_which_bars_are_met(tmp_path: Path) -> None:
-    canned(linear=0.7).save(tmp_path / "rgbd.json")
-    text = report.write(tmp_path).read_text()
+    text = reported(canned(linear=0.7), tmp_path)
     assert (
         "pyibr nearest, 3840 x 2160, 0.3 pixels of noise, 7 cm sideways, from 50: **4.00 times** the\ntime of" in text
     )
@@ -152,8 +150,7 @@ def test_uses_are_judged_by_their_bars(tmp_path: Path) -> None:
         add("told", subject, "end to end", [time], motion="0 to 50", view="kept")
     add("small", rgbd_uses.FRESH, "end to end", [0.36])
     add("small", rgbd_uses.KEPT, "end to end", [0.2])
-    result.save(tmp_path / "rgbd.json")
-    text = report.write(tmp_path).read_text()
+    text = reported(result, tmp_path)
     assert "| all | 11.0 | 7.00 | 1.57 | at least 1.85 | **not met** |" in text
     assert "| 3.90 | at most 4 | met |" in text
     assert "| 50 | at least 60 | **not met** |" in text
@@ -177,8 +174,7 @@ def test_what_changes_over_time_is_judged_by_the_input(tmp_path: Path) -> None:
         for subject in (steady.RAW, steady.SINGLE, steady.STEADY):
             add(subject, steady.SEEN, fill, 0.010, 1.5)
             add(subject, steady.HOLES, fill, 0.015, color)
-    result.save(tmp_path / "rgbd.json")
-    text = report.write(tmp_path).read_text()
+    text = reported(result, tmp_path)
     assert "A camera at rest takes 30 frames" in text
     assert f"| background | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 1.90 | met |" in text
     assert f"| inpaint | {steady.STEADY} | 10.0 | 1.50 | 15.0 | 2.10 | **not met** |" in text
@@ -191,8 +187,7 @@ def test_filling_is_judged_by_opencvs(tmp_path: Path) -> None:
         at = {"scene": scenes.ROOM, "motion": motion}
         for subject, error in zip((*filling.FILLS, filling.TELEA), (off, 20.0, 19.0, 18.0), strict=True):
             result.records.append(Record(subject, filling.BETWEEN, "share", at, [error / 255]))
-    result.save(tmp_path / "filling.json")
-    text = report.write(tmp_path).read_text()
+    text = reported(result, tmp_path)
     assert "| 0 to 4 | 17.0 | 20.0 | 19.0 | 18.0 | below cv2.inpaint | met |" in text
     assert "| 4 to 0 | 18.5 | 20.0 | 19.0 | 18.0 | below cv2.inpaint | **not met** |" in text
 
@@ -220,8 +215,7 @@ def test_registration_is_judged_by_its_bars(tmp_path: Path) -> None:
             result.records.append(Record(subject, "end to end", "ms", at, [10.0]))
         for subject in (registration.REGISTERED, opencv.REGISTER, registration.DILATED):
             result.records.append(Record(subject, "coverage", "share", at, [0.9]))
-    result.save(tmp_path / "registration.json")
-    text = report.write(tmp_path).read_text()
+    text = reported(result, tmp_path)
     for bar in ("1 | met", "0.6 | **not met**", "1.2 | met", "0.7 | **not met**"):
         assert f"| 0.75 | at most {bar} | 90.0% |" in text
     assert "| 0.75 |  |  | 90.0% |" in text
@@ -231,13 +225,12 @@ def test_cleaning_is_judged_by_its_bars(tmp_path: Path) -> None:
     result = Result("cleaning", ENVIRONMENT)
     for size, took in (("640 x 480", 10.0), ("1280 x 720", 20.0), ("64 x 48", 10.0)):
         at = {"scene": scenes.ROOM, "size": size, "noise": 0.3}
-        for subject, time in ((cleaning.CLEANED, took), (cleaning.STEADY, took), (cleaning.BILATERAL, took)):
-            result.records.append(Record(subject, "end to end", "ms", at, [time]))
+        for subject in (cleaning.CLEANED, cleaning.STEADY, cleaning.BILATERAL):
+            result.records.append(Record(subject, "end to end", "ms", at, [took]))
         result.records.append(Record(cleaning.TWIN, "end to end", "ms", at, [125.0]))
         for subject in (cleaning.CLEANED, cleaning.TWIN):
             result.records.append(Record(subject, "gain", "dB", at, [13.5]))
-    result.save(tmp_path / "cleaning.json")
-    text = report.write(tmp_path).read_text()
+    text = reported(result, tmp_path)
     assert "| 0.08 | at most 0.1 | met | 13.5 dB |" in text
     assert "| 0.16 | at most 0.1 | **not met** | 13.5 dB |" in text
     assert "| 0.08 |  |  | 13.5 dB |" in text

@@ -7,6 +7,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.capture import MeshScene, capture, object_views
+from tests import scenes
 from tests.capture.torus import torus
 from tests.data import shared
 from tests.embree import embree, rays_of
@@ -72,9 +73,7 @@ def test_long_triangles_that_cross_the_camera_plane():
     x = np.sort(random.uniform(-40, 40, 201))
     vertices = np.concatenate([np.stack([x, 0 * x + 1.5, 0 * x + z], 1) for z in (-60.0, 70.0)])
     first = np.arange(200)
-    floor = np.concatenate(
-        [np.stack([first, first + 1, first + 201], 1), np.stack([first + 1, first + 202, first + 201], 1)]
-    )
+    floor = (first[:, None] + [0, 1, 201, 1, 202, 201]).reshape(-1, 3)
     wall = np.array([[-50, -50, 30], [50, -50, 35], [-50, 50, 32], [50, 50, 37]], np.float64)
     mesh = ibr.Mesh(np.concatenate([vertices, wall]), np.concatenate([floor, [[402, 403, 404], [405, 404, 403]]]))
     camera = ibr.Camera([[80, 0, 60.3], [0, 80, 41.7], [0, 0, 1]], (121, 83)).orbited(7, (0, 0, 3), axis=(0.3, 1, 0.2))
@@ -85,9 +84,7 @@ def test_long_triangles_that_cross_the_camera_plane():
 
 def test_far_from_the_origin_depth_is_as_exact_as_the_vertices():
     square = np.array([[-1, -1, 2], [1, -1, 2], [-1, 1, 2], [1, 1, 2]]) + 1e6
-    camera = ibr.Camera(
-        [[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11), np.vstack([np.c_[np.eye(3), [1e6] * 3], [0, 0, 0, 1]])
-    )
+    camera = ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11), scenes.pose(center=(1e6, 1e6, 1e6)))
     view = MeshScene(square, [[0, 1, 2], [3, 2, 1]]).capture(camera)
     np.testing.assert_allclose(view.depth, 2, rtol=1e-6)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,19 +58,22 @@ def test_a_set_that_cannot_be_written_leaves_the_former_one(tmp_path):
 @pytest.mark.parametrize("cameras", ["own", "pose", "matrix"])
 def test_frames_are_read_in_the_order_of_their_names(tmp_path, layout, cameras):
     views = {"b": view(1.0), "a": view(0.0), "c": view(2.0)}
+    folder = {"color": "rgb" if layout == "rgb" else "color"}
+
+    def path(name: str, kind: str, ending: str) -> Path:
+        made = tmp_path / (
+            f"{name}.{kind}{ending}" if layout == "names" else f"{folder.get(kind, kind)}/{name}{ending}"
+        )
+        made.parent.mkdir(exist_ok=True)
+        return made
+
     for name, one in views.items():
-        color = f"{name}.color.png" if layout == "names" else f"{'rgb' if layout == 'rgb' else 'color'}/{name}.png"
-        ibr.write_color(tmp_path / color, one.color)
-        ibr.write_depth(tmp_path / (f"{name}.depth.npy" if layout == "names" else f"depth/{name}.npy"), one.depth)
+        ibr.write_color(path(name, "color", ".png"), one.color)
+        ibr.write_depth(path(name, "depth", ".npy"), one.depth)
         if cameras == "own":
-            one.camera.save(tmp_path / (f"{name}.json" if layout == "names" else f"camera/{name}.json"))
+            one.camera.save(tmp_path / f"{name}.json" if layout == "names" else path(name, "camera", ".json"))
         else:
-            (tmp_path / "pose").mkdir(exist_ok=True)
-            np.savetxt(
-                tmp_path / (f"{name}.pose.txt" if layout == "names" else f"pose/{name}.txt"),
-                one.camera.world_from_camera,
-                fmt="%.17g",
-            )
+            np.savetxt(path(name, "pose", ".txt"), one.camera.world_from_camera, fmt="%.17g")
     if cameras == "pose":
         camera().save(tmp_path / "camera.json")
     elif cameras == "matrix":

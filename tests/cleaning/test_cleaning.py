@@ -29,6 +29,13 @@ def with_noise(depth: np.ndarray, rng: np.random.Generator, kind: str) -> np.nda
     return (depth + rng.normal(0, 0.006, depth.shape)).astype(np.float32)  # time of flight
 
 
+def edges_stay(depth: np.ndarray) -> bool:
+    """Tell whether depth shows the room's box where it is, up to 1 % of its samples."""
+    box = np.zeros(SIZE, bool)
+    box[30:70, 40:90] = True
+    return ((depth < 1 / (0.6 - 0.05)) != box)[20:80, 30:100].sum() <= 0.01 * box.sum()
+
+
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_noise_is_smoothed_and_edges_stay(kind):
     rng = np.random.default_rng(1)
@@ -40,12 +47,7 @@ def test_noise_is_smoothed_and_edges_stay(kind):
     before, after = (np.abs(d / truth - 1)[measured] for d in (noisy, cleaned.depth))
     # A Gaussian of 3 pixels leaves 1 / (2 sqrt(pi) 3) = 9 % of independent noise; edges and the wire keep their noise.
     assert after.mean() < 0.4 * before.mean()
-    box = np.zeros(SIZE, bool)
-    box[30:70, 40:90] = True
-    nearer = cleaned.depth < 1 / (0.6 - 0.05)
-    around = np.zeros(SIZE, bool)
-    around[20:80, 30:100] = True
-    assert ((nearer != box) & around).sum() <= 0.01 * box.sum()
+    assert edges_stay(cleaned.depth)
     assert np.median(np.abs(cleaned.depth[:, 110] / 1.2 - 1)) < 0.02, "the wire, one sample thin, is still there"
     assert np.isfinite(cleaned.depth).all()
     np.testing.assert_array_equal(cleaned.invented[~measured], True)
@@ -62,9 +64,8 @@ def test_given_noise_is_as_good_as_what_is_found_and_tells_how_much_is_smoothed(
         return float(np.abs(ibr.clean_depth(noisy, **given).depth / truth - 1).mean())
 
     assert off(noise=one) == pytest.approx(off(), rel=0.1)
-    np.testing.assert_array_equal(
-        ibr.clean_depth(noisy, noise=one).depth, ibr.clean_depth(noisy, noise=(a, b, c)).depth
-    )
+    depths = [ibr.clean_depth(noisy, noise=given).depth for given in (one, (a, b, c))]
+    np.testing.assert_array_equal(*depths)
     assert off(noise=lambda z: (a * z + b) * z + c) == pytest.approx(off(noise=one), rel=1e-3)
     assert off(noise=(0.3 * a, 0.3 * b, 0.3 * c)) > 1.2 * off(noise=one)
 
@@ -93,11 +94,7 @@ def test_coarse_steps_are_smoothed():
     cleaned = ibr.clean_depth(coarse).depth
     before, after = (np.abs(d / truth - 1) for d in (coarse, cleaned))
     assert after.mean() < 0.4 * before.mean()
-    box = np.zeros(SIZE, bool)
-    box[30:70, 40:90] = True
-    around = np.zeros(SIZE, bool)
-    around[20:80, 30:100] = True
-    assert (((cleaned < 1 / (0.6 - 0.05)) != box) & around).sum() <= 0.01 * box.sum()
+    assert edges_stay(cleaned)
 
 
 def test_planes_at_few_depths_are_no_steps_of_a_scale():
@@ -176,24 +173,16 @@ def sequence(truths: list[np.ndarray], kind: str = "disparity", steady: bool = T
 
 @pytest.mark.parametrize("kind", ["disparity", "flight"])
 def test_what_is_at_rest_is_steady_and_nearer_to_the_truth(kind):
-    truth = room()
-    changes, errors = [], []
-    for steady in (True, False):
-        later = np.stack(sequence(16 * [truth], kind, steady)[8:])
-        changes.append(later.std(axis=0))
-        errors.append(np.abs(later / truth - 1).mean())
-    # If each frame took nine tenths of the previous value, sqrt(0.1 / 1.9) = 0.23 of the deviation would remain.
-    assert changes[0].mean() < 0.4 * changes[1].mean()
-    assert np.quantile(changes[0], 0.99) < np.quantile(changes[1], 0.99)
-    assert errors[0] < 0.8 * errors[1]
-
-
-@pytest.mark.parametrize("kind", ["disparity", "flight"])
-def test_at_rest_next_to_no_sample_changes_more_than_it_was_measured_to(kind):
     """Missing samples break a wire into pieces, which a frame cleaned alone loses as speckle. The wire is steady."""
     truth = room()
     measured = np.stack([with_noise(truth, np.random.default_rng(number), kind) for number in range(30)])
     steady, single = (np.stack(sequence(30 * [truth], kind, steady)) for steady in (True, False))
+    changes = [frames[8:16].std(axis=0) for frames in (steady, single)]
+    # If each frame took nine tenths of the previous value, sqrt(0.1 / 1.9) = 0.23 of the deviation would remain.
+    assert changes[0].mean() < 0.4 * changes[1].mean()
+    assert np.quantile(changes[0], 0.99) < np.quantile(changes[1], 0.99)
+    errors = [np.abs(frames[8:16] / truth - 1).mean() for frames in (steady, single)]
+    assert errors[0] < 0.8 * errors[1]
     assert (steady.std(axis=0) <= measured.std(axis=0)).mean() >= 0.99
     wall = 1.5  # the wire is at 1.2
     torn = [(frames[1:, :, 110] > wall).any(axis=1).sum() for frames in (steady, single)]  # frame 0 has no `before`
@@ -307,9 +296,8 @@ def test_a_camera_that_moves_takes_along_what_it_knows():
 def test_a_real_camera_at_rest_is_steady():
     """An Asus Xtion at rest, whose depth jumps between coarse steps, takes ten frames of a static scene."""
     folder = shared("formats/asus_xtion_unregistered")
-    frames = np.stack(
-        [ibr.read_depth(folder / f"depth1_{number:02d}.png", depth_scale=1000) for number in range(1, 11)]
-    )
+    files = [folder / f"depth1_{number:02d}.png" for number in range(1, 11)]
+    frames = np.stack([ibr.read_depth(file, depth_scale=1000) for file in files])
     cleaned: list[np.ndarray] = []
     for depth in frames:
         cleaned.append(ibr.clean_depth(depth, before=cleaned[-1] if cleaned else None).depth)

@@ -7,13 +7,12 @@ import pytest
 
 import pyibr as ibr
 from benchmarks import scenes
+from tests.cleaning.test_cleaning import BASELINE, FOCAL
 from tests.data import shared
 from tests.one_lane import one_lane
 from tests.reference import cleaning as reference
 
 pytest.importorskip("cv2", reason="the reference needs OpenCV")
-
-FOCAL, BASELINE = 525.0, 0.075
 
 
 def scene(size: tuple[int, int], seed: int, noise: float = 0.3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

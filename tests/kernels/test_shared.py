@@ -15,29 +15,6 @@ from tests.reference.heights import bilinear, bilinear_height
 COUNT = 48  # numbers in each array: whole packets of 16 lanes
 
 DRIVER = """
-kernel void lanes(global const float *a, global const int *b, global float *out)
-{
-    const int i = get_global_id(0) * LANES;
-    const floatl x = load_lanes(a + i);
-    const intl n = load_lanes(b + i);
-    floatl halves;
-    intl negatives;
-    for (int lane = 0; lane < LANES; lane++) {
-        set_float_lane(halves, lane, 0.5f * float_lane(x, lane));
-        set_int_lane(negatives, lane, -int_lane(n, lane));
-    }
-    store_lanes(halves + to_floatl(negatives), out + i);
-}
-
-kernel void pairs(global const float *values, global const int *at, global float *out)
-{
-    const int i = get_global_id(0) * LANES;
-    floatl first, second;
-    gather_pairs(values, load_lanes(at + i), &first, &second);
-    store_lanes(first, out + i);
-    store_lanes(second, out + get_global_size(0) * LANES + i);
-}
-
 kernel void clamped(global const float *map, int width, int height, global const float *x, global const float *y,
                     global float *out)
 {
@@ -105,18 +82,6 @@ def driver(request: pytest.FixtureRequest):
         return made.reshape(rows, COUNT)
 
     return run
-
-
-def test_lanes_are_read_and_set(driver):
-    rng = np.random.default_rng(1)
-    a, b = rng.random(COUNT, np.float32), rng.integers(-9, 9, COUNT, np.int32)
-    np.testing.assert_array_equal(driver("lanes", a, b)[0], np.float32(0.5) * a - b.astype(np.float32))
-
-
-def test_pairs_are_neighbours(driver):
-    rng = np.random.default_rng(2)
-    values, at = rng.random(100, np.float32), rng.integers(0, 99, COUNT, np.int32)
-    np.testing.assert_array_equal(driver("pairs", values, at, rows=2), [values[at], values[at + 1]])
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (1, 6), (6, 1), (1, 1)])

@@ -25,7 +25,7 @@ LENS = ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0])
 CAMERA = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
 
 
-def _arrays(frame: Frame) -> list[NDArray[Any]]:
+def arrays_of(frame: Frame) -> list[NDArray[Any]]:
     more = (frame.source, frame.view, frame.classes, frame.alpha)
     return [frame.color, frame.depth, frame.valid, *(values for values in more if values is not None)]
 
@@ -39,7 +39,7 @@ def view_of(scene: Callable[[tuple[int, int]], ibr.DepthImage]) -> ibr.DepthImag
 def warped(move: tuple[float, float, float] = (0.2, 0.1, 0.3), **how: Any) -> Call:
     def call() -> list[NDArray[Any]]:
         view = view_of(scenes.stepped)
-        return _arrays(ibr.warp(view, view.camera.moved(*move), **how))
+        return arrays_of(ibr.warp(view, view.camera.moved(*move), **how))
 
     return call
 
@@ -47,7 +47,7 @@ def warped(move: tuple[float, float, float] = (0.2, 0.1, 0.3), **how: Any) -> Ca
 def drawn(make: Callable[[], Any], lit: bool = True, relight: bool = False, anisotropy: int = 1) -> Call:
     def call() -> list[NDArray[Any]]:
         light = ibr.Light(direction=(-1, -1, -1), shadow_size=64, relight=relight) if lit else None
-        return _arrays(ibr.render(make(), CAMERA, light, anisotropy=anisotropy))
+        return arrays_of(ibr.render(make(), CAMERA, light, anisotropy=anisotropy))
 
     return call
 
@@ -56,7 +56,7 @@ def _blended() -> list[NDArray[Any]]:
     view = view_of(scenes.stepped)
     aside = ibr.warp(view, view.camera.moved(0.2, 0, 0.1))
     views = [view, ibr.DepthImage(aside.color, aside.depth, aside.camera)]
-    return _arrays(ibr.warp(views, view.camera.moved(0.1, 0.05, 0)))
+    return arrays_of(ibr.warp(views, view.camera.moved(0.1, 0.05, 0)))
 
 
 def _blended_in_turns() -> list[NDArray[Any]]:
@@ -67,7 +67,7 @@ def _blended_in_turns() -> list[NDArray[Any]]:
 
 def _looked_through() -> list[NDArray[Any]]:
     views = scenes.ramp_and_empty(SIZE)
-    return _arrays(ibr.warp(views, views[0].camera.moved(0.1, 0.05, 0)))
+    return arrays_of(ibr.warp(views, views[0].camera.moved(0.1, 0.05, 0)))
 
 
 def _through_a_lens() -> list[NDArray[Any]]:
@@ -77,8 +77,8 @@ def _through_a_lens() -> list[NDArray[Any]]:
     bent = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, SIZE, lens=LENS), far=view.far)
     straight = ibr.undistorted(bent)
     return [
-        *_arrays(ibr.warp(view, camera)),
-        *_arrays(ibr.warp(view, aside, fill="background")),
+        *arrays_of(ibr.warp(view, camera)),
+        *arrays_of(ibr.warp(view, aside, fill="background")),
         straight.color,
         straight.depth,
     ]
@@ -110,7 +110,7 @@ def _from_within() -> list[NDArray[Any]]:
     camera = ibr.Camera.look_at(eye, eye + corner[1] - corner[0], across, SIZE, fov_y=60)
     relief = ibr.ReliefSurface(base, even, np.full((2, 2, 3), 200, np.uint8), 0.1)
     assert relief.interior_point(camera) is not None
-    return _arrays(ibr.render(relief, camera))
+    return arrays_of(ibr.render(relief, camera))
 
 
 def _simplified() -> list[NDArray[Any]]:
@@ -122,7 +122,7 @@ def _simplified() -> list[NDArray[Any]]:
 def _from_noisy_depth() -> list[NDArray[Any]]:
     view = view_of(scenes.smooth)
     noisy = ibr.DepthImage(view.color, view.depth, view.camera, noise=(0, 0, 0.01))
-    return _arrays(ibr.render(ibr.DepthMesh(noisy), view.camera.moved(0.2, 0, 0)))
+    return arrays_of(ibr.render(ibr.DepthMesh(noisy), view.camera.moved(0.2, 0, 0)))
 
 
 def calls() -> dict[str, Call]:

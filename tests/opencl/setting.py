@@ -82,21 +82,11 @@ def kernels_of(folder: str) -> Ran:
 
 @dataclass(frozen=True)
 class Setting:
-    """Settings of a case.
+    """Settings of a case."""
 
-    Attributes
-    ----------
-    kind : str
-        Kind of the colours.
-    thorough : bool
-        Whether to run all sizes. If not, the fewest that run every kernel: Oclgrind is slow.
-    empty : callable
-        Creates arrays for a call's `out`.
-    """
-
-    kind: Kind
-    thorough: bool
-    empty: Callable[[tuple[int, ...], DTypeLike], NDArray[Any]] = field(default=np.empty)
+    kind: Kind  #: kind of the colours
+    thorough: bool  #: whether to run all sizes; if not, the fewest that run every kernel: Oclgrind is slow
+    empty: Callable[[tuple[int, ...], DTypeLike], NDArray[Any]] = field(default=np.empty)  #: makes arrays for `out`
 
     def choose(self, least: _T, some: _T, everything: _T) -> _T:
         """Choose sizes or maps of a case: the most for uint8, fewer for other kinds, whose accesses are the same."""

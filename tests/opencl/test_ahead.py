@@ -60,8 +60,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str, bool, dict[st
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_what_is_asked_for_ahead_is_what_the_picture_needs(name: str, asked: list[Any]):
-    session = current()
+def test_what_is_asked_for_ahead_is_what_the_picture_needs_and_changes_nothing(name: str, asked: list[Any]):
+    session, memory = current(), zeros()
     kept = dict(session.kernels)
     session.kernels.clear()
     try:
@@ -71,12 +71,6 @@ def test_what_is_asked_for_ahead_is_what_the_picture_needs(name: str, asked: lis
             assert ((file, tuple(sorted(defines.items()))), kernel_name) in session.kernels
     finally:
         session.kernels.update(kept)
-
-
-@pytest.mark.parametrize("name", DRAWN)
-def test_a_kernel_compiled_ahead_does_nothing(name: str, asked: list[Any]):
-    DRAWN[name]()
-    memory, session = zeros(), current()
     for file, kernel_name, compiled, defines in asked:
         if compiled:
             compile_for_launches(kernel(file, kernel_name, **defines), memory)

@@ -11,6 +11,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,6 +20,7 @@ from pyibr.opencl import cache
 from pyibr.opencl.cache import Entry, cache_fault, cache_folder
 from pyibr.opencl.doctor import report
 from tests.opencl.damage import KINDS, UNSAFE
+from tests.opencl.test_memory import refusing
 from tests.processes import run_within
 
 ONE = Entry("programs", "one", "what it depends on")
@@ -61,12 +63,9 @@ def test_a_folder_that_cannot_be_meant_is_an_error_of_one_sentence(monkeypatch: 
 def test_a_user_without_a_home(monkeypatch: pytest.MonkeyPatch):
     import pwd
 
-    def nobody(user: int) -> None:
-        raise KeyError(user)
-
     for name in ("PYIBR_CACHE", "XDG_CACHE_HOME", "HOME"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    monkeypatch.setattr(pwd, "getpwuid", refusing(KeyError()))
     assert cache_folder() == Path(f"/tmp/pyibr-{os.geteuid()}")
 
 
@@ -141,18 +140,12 @@ def test_two_that_ask_for_faults_at_once_find_none(own_cache: Path):
     assert not files(own_cache)
 
 
-@pytest.mark.parametrize("step", ["fsync", "replace"])
-def test_a_full_disk_leaves_the_old_entry(own_cache: Path, monkeypatch: pytest.MonkeyPatch, step: str):
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
+@pytest.mark.parametrize(("owner", "step"), [(os, "fsync"), (Path, "replace")])
+def test_a_full_disk_leaves_the_old_entry(own_cache: Path, monkeypatch: pytest.MonkeyPatch, owner: Any, step: str):
     ONE.write(b"old")
     before = files(own_cache)
     with monkeypatch.context() as patch:
-        if step == "fsync":
-            patch.setattr(os, "fsync", full)
-        else:
-            patch.setattr(Path, "replace", full)
+        patch.setattr(owner, step, refusing(OSError(errno.ENOSPC, "No space left on device")))
         ONE.write(b"new")
         TWO.write(b"new")
     assert files(own_cache) == before and ONE.read() == b"old"

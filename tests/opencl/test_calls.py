@@ -26,7 +26,8 @@ from pyibr.opencl.memory import empty
 from pyibr.opencl.watch import Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
-from tests.opencl.everything import Call, calls, same
+from tests.opencl.everything import Call, arrays_of, calls, same
+from tests.opencl.test_memory import refusing
 from tests.opencl.test_in_flight import pieces
 from tests.processes import run_within, with_path
 
@@ -225,9 +226,8 @@ def test_launches_go_in_pieces_outside_of_a_call_too():
     _in_order(cleared, [np.full(100, 2.5, np.float32)])
 
 
-def _warped(view: ibr.DepthImage, camera: ibr.Camera) -> list[Any]:
-    frame = ibr.warp(view, camera)
-    return [frame.color, frame.depth, frame.valid]
+def _warped(view: ibr.DepthImage, camera: ibr.Camera, **how: Any) -> list[Any]:
+    return arrays_of(ibr.warp(view, camera, **how))
 
 
 def test_threads_share_the_device():
@@ -251,9 +251,9 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
     """A long call is held inside a launch until a short call ends, which must not wait for the long one."""
     view, small = scenes.stepped((160, 120)), scenes.smooth((31, 23))
     far, near = view.camera.moved(0.2, 0.1, 0.3), small.camera.moved(0.1, 0, 0)
-    expected, expected_short = ibr.warp(view, far, method="search"), ibr.warp(small, near, method="search")
-    begun, ended, longs = threading.Event(), threading.Event(), list[ibr.Frame]()
-    long = threading.Thread(target=lambda: longs.append(ibr.warp(view, far, method="search")))
+    expected, expected_short = _warped(view, far, method="search"), _warped(small, near, method="search")
+    begun, ended, longs = threading.Event(), threading.Event(), list[list[Any]]()
+    long = threading.Thread(target=lambda: longs.append(_warped(view, far, method="search")))
     with pieces(10) as launches, pytest.MonkeyPatch.context() as patch:
         start = launch._start
 
@@ -266,21 +266,18 @@ def test_short_calls_go_between_the_pieces_of_a_long_one():
         patch.setattr(launch, "_start", stopping)
         long.start()
         begun.wait()
-        frame = ibr.warp(small, near, method="search")
+        short = _warped(small, near, method="search")
         ended.set()
         long.join()
     assert launches["search"] > 80
-    for made, wanted in ((frame, expected_short), (longs[0], expected)):
-        assert all(np.array_equal(getattr(made, a), getattr(wanted, a), True) for a in ("color", "depth", "valid"))
+    assert same(short, expected_short) and same(longs[0], expected)
 
 
 def test_a_call_that_began_later_goes_first_once():
     """A call waits once, for a limited time, for each call that began later and has work on the device."""
     ongoing, flying = device_calls.Calls(), in_flight.InFlight()
     begun, end, waited = threading.Event(), threading.Event(), list[object]()
-
-    def not_awaited() -> None:
-        raise AssertionError
+    not_awaited = refusing(AssertionError())
 
     def later() -> None:
         with ongoing.one(flying, not_awaited):

@@ -18,6 +18,7 @@ from pyibr.opencl import selftest
 from pyibr.opencl.device import current, devices, explain, one_call, use_device
 from pyibr.opencl.profile import profile_of
 from pyibr.opencl.runtimes import found_devices
+from tests.opencl.test_memory import refusing
 from tests.processes import run_python, run_within
 
 
@@ -115,10 +116,7 @@ def test_use_device_refuses_what_names_no_device(wrong: Any):
 
 
 def test_a_device_that_cannot_be_opened_is_named(nothing_open: None, own_cache: Path, monkeypatch: pytest.MonkeyPatch):
-    def refuse(devices: object) -> None:
-        raise cl.MemoryError("no room on the device")
-
-    monkeypatch.setattr(cl, "Context", refuse)
+    monkeypatch.setattr(cl, "Context", refusing(cl.MemoryError("no room on the device")))
     with pytest.raises(DeviceError, match="it cannot be opened: no room on the device"):
         current()
     assert not list(own_cache.glob("devices/*")), "the next process asks again"

@@ -20,6 +20,7 @@ from pyibr.opencl.device import current, devices, use_device
 from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.selftest import Outcome
+from tests.opencl.test_memory import refusing
 from tests.opencl.test_choice import found
 from tests.processes import run_python
 
@@ -29,11 +30,8 @@ def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.Monk
     assert probe(entry).works
     assert len(list(own_cache.glob("devices/*"))) == 1
 
-    def never(*_: object) -> Outcome:
-        raise AssertionError("asked the device again")
-
     with monkeypatch.context() as patch:
-        patch.setattr(probe_module, "_test_apart", never)
+        patch.setattr(probe_module, "_test_apart", refusing(AssertionError("asked the device again")))
         for told in ({entry.key: Outcome(True)}, {}):  # the outcome is known in this process, or from the disk alone
             patch.setattr(probe_module, "_tested", told)
             assert probe(entry) == probe(entry, doubted="broken") == Outcome(True)
@@ -157,19 +155,9 @@ def planted(tmp_path: Path) -> Path:
     return folder
 
 
-def test_what_lies_in_the_working_directory_is_not_run(planted: Path, own_cache: Path):
-    """The parent runs a script, as the command `pyibr` does, so its module path begins with the script's folder."""
-    script = planted.parent / "bin" / "script.py"
-    script.parent.mkdir()
-    script.write_text("import pyibr as ibr; print([device.works for device in ibr.devices(fresh=True)])")
-    done = run_python(script, cwd=planted)
-    assert "True" in done.stdout, done.stdout + done.stderr
-    assert not (planted.parent / "ran").exists(), (planted.parent / "ran").read_text()
-
-
 @pytest.mark.parametrize("way", ["", "relative", pytest.param("absolute", marks=pytest.mark.thorough)])
 def test_the_test_runs_nothing_that_this_process_has_not_imported(planted: Path, own_cache: Path, way: str):
-    """In notebooks and with `python -c`, the module path begins with the working directory."""
+    """In notebooks and with `python -c`, the module path begins with the working directory, which is not run either."""
     code = f"""
 import os, sys
 import numpy, platform, pyibr as ibr

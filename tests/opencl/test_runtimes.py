@@ -10,10 +10,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyopencl as cl
 import pytest
 
+import pyibr as ibr
 from pyibr.opencl import runtimes, unlisted
+from pyibr.opencl.device import VARIABLE
+from tests.opencl.everything import calls
 from tests.opencl.test_choice import found
 from tests.processes import run_python, with_path
 
@@ -305,3 +309,19 @@ def test_intels_compiler_leaves_lanes_alone(tmp_path: Path):
     subprocess.run([sys.executable, "-c", RELIEF], env=environment, check=True, timeout=300)
     (program,) = (tmp_path / "cache").rglob("relief-*")
     assert program.stat().st_size < 1e6
+
+
+@pytest.mark.skipif(
+    os.environ.get(VARIABLE) != "intel", reason="make test-intel draws by both runtimes (PYIBR_DEVICE=intel)"
+)
+@pytest.mark.parametrize("name", ["sweep", "connected", "blended", "registered", "cleaned", "depth image", "relief"])
+def test_intels_pictures_are_pocls(name: str):
+    """The bits are the same for the releases in `make test-devices`; other releases may round differently."""
+    drawn = []
+    for device in ("intel", "portable computing language"):
+        with ibr.use_device(device):
+            drawn.append(calls()[name]())
+    for one, other in zip(*drawn, strict=True):
+        assert one.shape == other.shape
+        level = 1 if one.dtype == np.uint8 else 0
+        assert np.isclose(one.astype(float), other, rtol=1e-5, atol=level, equal_nan=True).mean() >= 0.999

@@ -82,14 +82,8 @@ def _without_invalid(depth: Depth) -> Depth:
 class _Scale:
     """Nearness (1 / depth) on a scale whose unit is the same multiple of the noise at every depth.
 
-    Parameters
-    ----------
-    depths : (H, W) float32
-        Images whose range the scale covers; NaN where there is no depth.
-    at, noise : (k,) float64
-        Values of nearness, and the length of the scale's unit there, in nearness.
-    least : float
-        Least length of the unit, as a fraction of the nearness.
+    depths: images whose range the scale covers; NaN where there is no depth. at, noise: (k,) values of nearness, and
+    the length of the scale's unit there, in nearness. least: least length of the unit, as a fraction of the nearness.
     """
 
     def __init__(self, depths: Sequence[Depth], at: Float64, noise: Float64, least: float) -> None:

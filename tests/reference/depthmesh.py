@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -132,8 +133,15 @@ class Tree:
         """Position in the camera's frame, at depth z or, by default, at the sample's denoised depth."""
         x, y = self.sample(corner)
         z = float(self.depth[y, x]) if z is None else z
+        return self._point(x, y, z)
+
+    def _point(self, x: float, y: float, z: float) -> np.ndarray:
         ray = self.ray_from_pixel @ (x, y, 1.0)
         return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
+
+    def inverse(self, value: Any) -> Any:
+        """Nearness at a depth, or depth at a nearness."""
+        return 1 / value if self.view.camera.projection == "perspective" else -value
 
     @cached_property
     def joined(self) -> set[tuple[Corner, Corner]]:
@@ -156,14 +164,11 @@ class Tree:
         x, y = corner = self.sample(corner)
         width, height = self.view.camera.size
         depth = self.view.depth if depth is None else depth
-        z = float(depth[y, x])
-        nearness = 1 / z if self.view.camera.projection == "perspective" else -z
+        nearness = self.inverse(float(depth[y, x]))
         dx, dy = (int(at == 0) - int(at == count - 1) for at, count in ((x, width), (y, height)))
         place, within, found = (x - 0.5 * dx, y - 0.5 * dy), (x + dx, y + dy), nearness
         if (dx or dy) and (corner, within) in self.joined:
-            next_z = float(depth[within[::-1]])
-            next_n = 1 / next_z if self.view.camera.projection == "perspective" else -next_z
-            found = nearness + 0.5 * (nearness - next_n)
+            found = nearness + 0.5 * (nearness - self.inverse(float(depth[within[::-1]])))
         elif dx and dy and (corner, (x + dx, y)) in self.joined:  # image corner without a diagonal edge
             plane = np.array([(x, y, nearness), *(self.drawn_at(at, depth) for at in ((x + dx, y), (x, y + dy)))])
             rows = np.column_stack([plane[:, :2], np.ones(3)])
@@ -174,9 +179,7 @@ class Tree:
     def drawn_place(self, corner: Corner, depth: np.ndarray | None = None) -> np.ndarray:
         """Position in the camera's frame at which the vertex is drawn."""
         x, y, n = self.drawn_at(corner, depth)
-        z = 1 / n if self.view.camera.projection == "perspective" else -n
-        ray = self.ray_from_pixel @ (x, y, 1.0)
-        return ray * z if self.view.camera.projection == "perspective" else np.array([ray[0], ray[1], z])
+        return self._point(x, y, self.inverse(n))
 
     def state(self, triangle: Triangle) -> int:
         """Return a triangle's state: DRAWN, UNDRAWN, both (3) if it is partly drawn, or 0 outside of the image."""
@@ -233,10 +236,8 @@ class Tree:
             planes = [np.cross(b - a, self.place(side.apex) - a) for side in sides if self.is_sample(side.apex)]
             off = max([0.0, *(float(abs((p - a) @ normal) / np.linalg.norm(normal)) for normal in planes)])
             return off if off > 2 * ROUNDING * (abs(a[-1]) + abs(b[-1]) + abs(p[-1])) else 0.0
-        if start[1] == end[1]:
-            a, b, p = a[[0, 2]], b[[0, 2]], p[[0, 2]]
-        elif start[0] == end[0]:
-            a, b, p = a[[1, 2]], b[[1, 2]], p[[1, 2]]
+        if start[0] == end[0] or start[1] == end[1]:
+            a, b, p = (np.delete(point, 1 if start[1] == end[1] else 0) for point in (a, b, p))
         along = (b - a) / np.linalg.norm(b - a)
         off = float(np.linalg.norm((p - a) - ((p - a) @ along) * along))
         return off if off > ROUNDING * (abs(a[-1]) + abs(b[-1]) + abs(p[-1])) else 0.0
@@ -310,7 +311,7 @@ class Tree:
         )
         plane = weight @ drawn[:, 2]
         depth = self.view.depth.astype(np.float64)[inside[:, 1], inside[:, 0]]
-        return float(np.abs((1 / plane if self.view.camera.projection == "perspective" else -plane) - depth).max())
+        return float(np.abs(self.inverse(plane) - depth).max())
 
     def left(self, active: set[Corner]) -> Iterator[Triangle]:
         """Triangles that remain after splitting, from the roots down, every triangle whose split is active."""
@@ -324,10 +325,10 @@ class Tree:
 
     def triangles(self, active: set[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
         """Corners, as samples, of the remaining triangles that are drawn."""
-        drawn = (triangle for triangle in self.left(active) if self.state(triangle) == DRAWN)
-        for triangle in drawn:
-            start, apex, end = map(self.sample, triangle.corners)
-            yield start, apex, end
+        for triangle in self.left(active):
+            if self.state(triangle) == DRAWN:
+                start, apex, end = map(self.sample, triangle.corners)
+                yield start, apex, end
 
 
 def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
@@ -396,8 +397,7 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         return sine < np.sin(np.radians(rule.angle)) and is_long and connectedness(corners)
 
     def nearness(corner: Corner) -> float:
-        z = depth[corner[::-1]]
-        return 1 / z if perspective else -z
+        return tree.inverse(depth[corner[::-1]])
 
     def disparity(corners: list[Corner]) -> bool:
         n = [nearness(corner) for corner in corners]

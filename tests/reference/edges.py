@@ -154,10 +154,9 @@ def with_ring(view: DepthImage, edges: Edges) -> tuple[Array, Edges]:
     grown[1:-1, -1] += right
     grown[0, 1:-1] += top
     grown[-1, 1:-1] += bottom
-    for row, column, rise in ((0, 0, left[0] + top[0]), (0, -1, right[0] + top[-1])):
-        grown[row, column] += rise
-    for row, column, rise in ((-1, 0, left[-1] + bottom[0]), (-1, -1, right[-1] + bottom[-1])):
-        grown[row, column] += rise
+    for row, beside in ((0, top), (-1, bottom)):
+        grown[row, 0] += left[row] + beside[0]
+        grown[row, -1] += right[row] + beside[-1]
     border = np.pad(near, 1, mode="edge")
     least, most = LEAST_BEYOND * border, 2 * border
     grown = np.clip(grown, np.minimum(least, most), np.maximum(least, most))
@@ -190,11 +189,7 @@ def triangles_beyond_border(view: DepthImage, torn: Edges) -> tuple[Array, Array
     """Triangles between the outermost samples and the image's border, which is half a pixel farther out.
 
     They are the triangles between border samples and ring samples, clipped at the border. Ring samples have the colours
-    of the border samples.
-
-    Returns
-    -------
-    pixels (n, 2), nearness (n,), colours (n, c), faces (m, 3)
+    of the border samples. Returns pixels (n, 2), nearness (n,), colours (n, c) and faces (m, 3).
     """
     height, width = view.depth.shape
     near, ring_torn = with_ring(view, torn)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.truth import dilate
+
 Array = NDArray[Any]
 
 TILE, HALO, BESIDE = 16, 4, 1
@@ -38,15 +40,8 @@ def behind_reference(
     The lines run away from the epipole and towards it, in steps of one pixel along the longer axis. The falloff says
     how much the nearer end counts as foreground.
 
-    Parameters
-    ----------
-    depth : (H, W)
-    valid : (H, W) bool
-    epipole : (x, y, w)
-        Homogeneous; if all three are 0, the lines are rows.
-    perspective : bool
-    same : (a, b, c)
-        Pixels of one surface may differ in depth by a z^2 + b z + c at depth z.
+    epipole: homogeneous, (x, y, w); if all three are 0, the lines are rows. same: (a, b, c); pixels of one surface may
+    differ in depth by a z^2 + b z + c at depth z.
     """
     y, x = holes = np.nonzero(~valid)
     at = np.stack([x, y], axis=-1).astype(float)
@@ -128,7 +123,7 @@ def fill_reference(color: Array, depth: Array, valid: Array, behind: Array | Non
     `behind`: (2, H, W), depth behind the holes and falloff, from which pixels get weights; None: equal weights.
     """
     values = np.concatenate([color, depth[..., None]], axis=-1).astype(float)
-    counts = _around(~valid, BESIDE) & valid
+    counts = dilate(~valid, BESIDE) & valid
     weights = counts.astype(float)
     if behind is not None:
         behind = np.where(edges_of(valid), behind, 0.0)
@@ -167,17 +162,7 @@ def _mix_rims(filled: Array, values: Array, valid: Array, behind: Array) -> None
 
 def edges_of(valid: Array) -> Array:
     """(H, W) bool: hole pixels beside valid pixels, also diagonally, or at the image's border."""
-    return ~valid & _around(np.pad(valid, 1, constant_values=True), 1)[1:-1, 1:-1]
-
-
-def _around(mask: Array, reach: int) -> Array:
-    """(H, W) bool: pixels within `reach` rows and columns of the mask's pixels."""
-    height, width = mask.shape
-    padded, found = np.pad(mask, reach), np.zeros_like(mask)
-    for y in range(2 * reach + 1):
-        for x in range(2 * reach + 1):
-            found |= padded[y : y + height, x : x + width]
-    return found
+    return ~valid & dilate(np.pad(valid, 1, constant_values=True), 1)[1:-1, 1:-1]
 
 
 def _beside(image: Array) -> Array:
@@ -200,7 +185,7 @@ def _farthest(holes: Array, behind: Array) -> Array:
     for y in range(0, down, TILE):
         for x in range(0, across, TILE):
             window = np.s_[y : y + TILE + 2 * HALO, x : x + TILE + 2 * HALO]
-            edges = holes[window] & _around(~holes[window], 1)
+            edges = holes[window] & dilate(~holes[window], 1)
             blocks = np.where(edges, behind[window], 0.0).reshape(6, 4, 6, 4).max(axis=(1, 3))
             most = np.max([blocks[v : v + 4, u : u + 4] for v in range(3) for u in range(3)], axis=0)
             found[y : y + TILE, x : x + TILE] = np.repeat(np.repeat(most, 4, axis=0), 4, axis=1)

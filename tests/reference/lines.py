@@ -35,16 +35,9 @@ class Sideways:
 
 
 def sideways_reference(view: DepthImage, step: tuple[float, float], edges: str = "connect") -> Sideways:
-    """Return the picture of a view from the camera `view.camera.moved(*step, 0)`.
+    """Return the picture of a view from the camera `view.camera.moved(*step, 0)`; `edges` as for `WarpedView`.
 
-    Parameters
-    ----------
-    view : DepthImage
-        Its camera must be perspective, with square pixels if the step is diagonal.
-    step : (x, y)
-        In scene units. One component is 0, or both have the same absolute value.
-    edges : {"connect", "cut"}
-        As for `WarpedView`.
+    The view must be perspective. One component of the step is 0 or, with square pixels, both are equally long.
     """
     height, width = view.depth.shape
     ring, torn = with_ring(view, edges_of(view, edges))

@@ -33,8 +33,8 @@ class Rays:
 
     def some(self, which: np.ndarray) -> Rays:
         """Select rays."""
-        a, b, c = self.a[which], self.b[which], self.c[which]
-        return Rays(self.uv[which], self.duv[which], self.V[which], a, b, c, self.scale)
+        each = (self.uv, self.duv, self.V, self.a, self.b, self.c)
+        return Rays(*(values[which] for values in each), self.scale)
 
     def approximate(self, t: np.ndarray) -> np.ndarray:
         """Equation 7: depth of the point P = t V below the quadric, measured along z; 1 is the bottom."""
@@ -47,14 +47,10 @@ class Rays:
         U = np.array([0.0, 0, 1]) - V[:, 2:] * V  # perpendicular to V, in the plane of V and the normal
         U /= np.linalg.norm(U, axis=1, keepdims=True)
         a, b, c = self.a, self.b, self.c
-        A = a * U[:, 0] ** 2 + b * U[:, 1] ** 2 + c * U[:, 0] * U[:, 1]
-        B = (
-            2 * a * P[:, 0] * U[:, 0]
-            + 2 * b * P[:, 1] * U[:, 1]
-            + c * (P[:, 0] * U[:, 1] + P[:, 1] * U[:, 0])
-            - U[:, 2]
-        )
-        C = a * P[:, 0] ** 2 + b * P[:, 1] ** 2 + c * P[:, 0] * P[:, 1] - P[:, 2]
+        (x, y, z), (px, py, pz) = U.T, P.T
+        A = a * x**2 + b * y**2 + c * x * y
+        B = 2 * a * px * x + 2 * b * py * y + c * (px * y + py * x) - z
+        C = a * px**2 + b * py**2 + c * px * py - pz
         discriminant = B**2 - 4 * A * C
         with np.errstate(invalid="ignore", divide="ignore"):
             s = 2 * C / (-B + np.sqrt(discriminant))  # the root nearest to P; valid for A = 0, too
@@ -63,9 +59,8 @@ class Rays:
     def ends(self, distance: str) -> tuple[np.ndarray, np.ndarray]:
         """Return t_max, at which rays leave the relief's layer, and whether they leave by its bottom (section 3.3)."""
         L = -self.V[:, 2] / self.scale
-        K = (
-            self.a * self.V[:, 0] ** 2 + self.b * self.V[:, 1] ** 2 + self.c * self.V[:, 0] * self.V[:, 1]
-        ) / self.scale
+        x, y, _ = self.V.T
+        K = (self.a * x**2 + self.b * y**2 + self.c * x * y) / self.scale
         with np.errstate(invalid="ignore", divide="ignore"):
             bottom, out = 2 / (L + np.sqrt(L**2 + 4 * K)), -L / K
         at_bottom = L**2 + 4 * K >= 0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
-from tests.reference.edges import Edges, edges_of, with_ring
+from tests.reference.edges import Edges, edges_of, nearness_of, with_ring
 from tests.reference.margins import Margins, margins_of
 
 Array = NDArray[Any]
@@ -29,7 +29,6 @@ class Result:
     depth: Array
     valid: Array
     color: Array
-    samples: int = 0  #: grid lines that all searches passed
 
     @classmethod
     def empty(cls, camera: Camera) -> Result:
@@ -48,7 +47,7 @@ def forward_reference(view: DepthImage, camera: Camera, splat: int = 1) -> Resul
     """
     result = Result.empty(camera)
     target_from_source = np.linalg.inv(_source_from_target(view.camera, camera))
-    delta = nearness(view)
+    delta = nearness_of(view)
     nearest = np.full(result.depth.shape, -np.inf)
     for y, x in np.argwhere(view.valid):
         u, v, w, q = point = target_from_source @ [x, y, 1.0, delta[y, x]]
@@ -94,16 +93,14 @@ def search_reference(
                 ray = Ray(source_from_target @ [x, y, 1, 0], source_from_target @ [0, 0, 0, -1], -np.inf)
             if not ray.clip(view.camera.size):
                 continue
-            hit, looked_at = _first_triangle(view, ray, *surface)
-            hit = _nearer(hit, margins, ray)
-            result.samples += looked_at
+            hit = _nearer(_first_triangle(view, ray, *surface), margins, ray)
             if hit is None or (side != "both" and hit.front != (side == "front")):
                 continue
             point, color = hit.point, hit.color
             if sample == "nearest":
                 nearest = np.floor(point[:2] / point[2] + 0.5).astype(int)
                 sx, sy = np.clip(nearest, 0, np.subtract(view.camera.size, 1))
-                point, color = np.array([sx, sy, 1.0, nearness(view)[sy, sx]]), view.color[sy, sx]
+                point, color = np.array([sx, sy, 1.0, nearness_of(view)[sy, sx]]), view.color[sy, sx]
             result.put(x, y, _depth(camera, np.linalg.solve(source_from_target, point)), color)
     return result
 
@@ -159,13 +156,7 @@ class Ray:
         return np.sort(t[np.isfinite(t) & (t >= self.low) & (t <= self.high)])
 
 
-def nearness(view: DepthImage) -> Array:
-    """Nearness (H, W) of the samples, float64; nan where there is no surface."""
-    z = np.where(view.valid, view.depth, np.nan).astype(np.float64)
-    return 1 / z if view.camera.projection == "perspective" else -z
-
-
-def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tuple[Hit | None, int]:
+def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> Hit | None:
     """Find the first triangle that the ray meets, in the grid with a ring of samples around the image's."""
     height, width = view.depth.shape
     grid = ray.meets((1, 0), width), ray.meets((0, 1), height), ray.meets((1, 1), width + height)
@@ -191,14 +182,14 @@ def _first_triangle(view: DepthImage, ray: Ray, ring: Array, edges: Edges) -> tu
         column = np.where(upper, x + 1, x) + 1
         crossed &= ~(edges.diagonal[y + 1, x + 1] | edges.right[row, x + 1] | edges.below[y + 1, column])
     if not crossed.any():
-        return None, len(t)
+        return None
     i = int(np.argmax(crossed))
     point = ray.epipole + root[i] * ray.infinity
     along_x, along_y = np.abs(point[:2] / point[2] - [cx[i], cy[i]])
     color = np.pad(view.color, ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float64)
     mixed = (1 - along_x - along_y) * color[cy[i] + 1, cx[i] + 1]
     mixed = mixed + along_x * color[cy[i] + 1, nx[i] + 1] + along_y * color[ny[i] + 1, cx[i] + 1]
-    return Hit(float(root[i]), point, bool(f1[i] > 0), mixed), len(t)
+    return Hit(float(root[i]), point, bool(f1[i] > 0), mixed)
 
 
 def _nearer(hit: Hit | None, margins: Margins, ray: Ray) -> Hit | None:

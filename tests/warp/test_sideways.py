@@ -16,7 +16,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import camera_pair
 from pyibr.warp.view import Edges, Method
 from tests import scenes
-from tests.exact import off, ties, with_center_moved
+from tests.exact import off, ties
 from tests.reference.lines import Sideways, sideways_reference
 from tests.reference.warp import search_reference
 
@@ -176,7 +176,7 @@ def test_rows_between_the_sources_rows_are_the_references(scene, edges, target):
 def between(camera: Camera, target: str) -> Camera:
     """The camera with other pixels, whose rows and columns lie between the original ones."""
     if target == "shifted":
-        return with_center_moved(camera, 0.43, -0.29)
+        return scenes.moved_aside(camera, 0.43, -0.29)
     width, height = camera.size
     return camera.resized(
         (width * 5 // 7, height * 5 // 7) if target == "smaller" else (width * 9 // 5, height * 9 // 5)
