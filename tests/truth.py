@@ -50,11 +50,8 @@ class Surface:
     Edges are torn as `tests.reference.edges` says, for `edges` "cut"; with `cut_ratio`, where two neighbouring depths
     have a larger ratio.
 
-    Attributes
-    ----------
-    faces : (n, 3)
-        Indices of vertices. Sample (x, y) is vertex y * width + x; vertices of the margins beyond the samples follow.
-    vertices, colors : (n, 3) float64
+    `faces` (n, 3) are indices of vertices. Sample (x, y) is vertex y * width + x; vertices of the margins beyond the
+    samples follow. `vertices` and `colors` are (n, 3).
     """
 
     def __init__(self, view: DepthImage, edges: str = "connect", cut_ratio: float | None = None) -> None:

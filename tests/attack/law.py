@@ -12,6 +12,7 @@ import numpy as np
 
 import pyibr as ibr
 from tests.attack.arguments import MAKERS, Call
+from tests.opencl.everything import arrays_of
 
 HANGS = 120.0
 """Seconds of processor time, including compiling, after which a call counts as endless."""
@@ -98,10 +99,8 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
     must(isinstance(frame, ibr.Frame), f"a {type(frame).__name__} instead of a frame")
     shape = (frame.camera.height, frame.camera.width)
     color, depth, valid = frame.color, frame.depth, frame.valid
-    must(
-        color.shape[:2] == shape and color.shape[2] in (0, 3) and color.dtype in (np.uint8, np.float32),
-        "shape or dtype of color",
-    )
+    must(color.shape[:2] == shape and color.shape[2] in (0, 3), "shape of color")
+    must(color.dtype in (np.uint8, np.float32), "dtype of color")
     must(depth.shape == shape and depth.dtype == np.float32, "shape or dtype of depth")
     must(valid.shape == shape and valid.dtype == np.bool_, "shape or dtype of valid")
     must(set(np.unique(valid.view(np.uint8)).tolist()) <= {0, 1}, "valid is neither 0 nor 1")
@@ -114,26 +113,21 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
         must(bool((told == valid).all()), "depth at invalid pixels, or none at valid ones")
         if not np.any(options.get("background", 0)):
             must(not color[~valid].any(), "colour at invalid pixels")
-    made = [color, depth, valid]
     if frame.alpha is not None:
         alpha = frame.alpha
         must(alpha.shape == shape and bool(((alpha >= 0) & (alpha <= 1)).all()), "shape or values of alpha")
         must(bool(((alpha > 0) == valid).all()), "alpha > 0 differs from valid")
-        made.append(alpha)
     if frame.guessed is not None:
         must(frame.guessed.shape == shape and frame.guessed.dtype == np.bool_, "shape or dtype of guessed")
         must(not (frame.guessed & ~valid).any(), "guessed pixels that are invalid")
-        made.append(frame.guessed)
     if frame.classes is not None:
         classes = frame.classes
         must(classes.shape == shape and bool((classes <= 3).all()), "shape or values of classes")
         must(bool(((classes == ibr.PixelClass.SEEN) == valid).all()), "the class SEEN differs from valid")
         must(frame.source is not None, "classes without origins")
-        made.append(classes)
     if frame.source is not None:
         source, view = frame.source, frame.view
         must(source.shape == (*shape, 2) and view.shape == shape, "shape of source or view")
         must(bool((np.isfinite(source).all(axis=2) == valid).all()), "finite source differs from valid")
         must(bool(((view >= 0) == valid).all()), "view >= 0 differs from valid")
-        made += [source, view]
-    return made
+    return arrays_of(frame)

@@ -23,14 +23,10 @@ def world(view):
 
 
 def test_the_globe_is_a_sphere_displaced_outwards():
-    size = 33
-    plain = globe(size, elevation=np.zeros((4, 8), np.float32))
-    for view in plain:
-        np.testing.assert_allclose(np.linalg.norm(world(view), axis=1), 1, rtol=1e-6)
-    raised = globe(size, elevation=np.ones((4, 8), np.float32), relief=0.25)
-    for view in raised:
-        np.testing.assert_allclose(np.linalg.norm(world(view), axis=1), 1.25, rtol=1e-6)
-    hills = np.concatenate([np.linalg.norm(world(view), axis=1) for view in globe(size)])
+    for height, radius in ((0, 1), (1, 1.25)):
+        for view in globe(33, elevation=np.full((4, 8), height, np.float32), relief=0.25):
+            np.testing.assert_allclose(np.linalg.norm(world(view), axis=1), radius, rtol=1e-6)
+    hills = np.concatenate([np.linalg.norm(world(view), axis=1) for view in globe(33)])
     assert hills.min() >= 1 - 1e-6
     assert 1.03 < hills.max() <= 1.08 + 1e-6
 

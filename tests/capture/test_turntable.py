@@ -7,13 +7,13 @@ import pytest
 
 import pyibr as ibr
 from pyibr.capture.turntable import turntable_cameras
+from tests.boxes import cuboid
 from tests.capture.test_stereo import planes
 
 
 @pytest.fixture
 def box() -> ibr.Mesh:
-    corners = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (4, 5)], np.float32)
-    return ibr.Mesh(corners, [[0, 1, 2], [3, 2, 1], [4, 5, 6], [7, 6, 5]])
+    return ibr.Mesh(*cuboid((0, 0, 4), (2, 1, 5)))
 
 
 def test_a_turn_goes_round_the_middle_in_equal_steps(box: ibr.Mesh):

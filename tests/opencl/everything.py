@@ -26,7 +26,8 @@ CAMERA = ibr.Camera.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), SIZE, fov_y=45)
 
 
 def arrays_of(frame: Frame) -> list[NDArray[Any]]:
-    more = (frame.source, frame.view, frame.classes, frame.alpha)
+    """All arrays that a frame has."""
+    more = (frame.source, frame.view, frame.classes, frame.alpha, frame.guessed)
     return [frame.color, frame.depth, frame.valid, *(values for values in more if values is not None)]
 
 
@@ -76,12 +77,8 @@ def _through_a_lens() -> list[NDArray[Any]]:
     camera = ibr.Camera(aside.K, aside.size, aside.world_from_camera, lens=LENS)
     bent = ibr.DepthImage(view.color, view.depth, ibr.Camera(view.camera.K, SIZE, lens=LENS), far=view.far)
     straight = ibr.undistorted(bent)
-    return [
-        *arrays_of(ibr.warp(view, camera)),
-        *arrays_of(ibr.warp(view, aside, fill="background")),
-        straight.color,
-        straight.depth,
-    ]
+    bends, straightens = ibr.warp(view, camera), ibr.warp(view, aside, fill="background")
+    return [*arrays_of(bends), *arrays_of(straightens), straight.color, straight.depth]
 
 
 def _registered() -> list[NDArray[Any]]:

@@ -89,17 +89,15 @@ def test_a_program_is_asked_for_once(asked: list[Any]):
 
 PICTURE = f"""
 import os, sys, zlib
-import numpy as np, pyibr as ibr
+import pyibr as ibr
 from pyibr.opencl import builder, device
-y, x = np.mgrid[:{SIZE[1]}, :{SIZE[0]}]
-camera = ibr.Camera([[60, 0, 30], [0, 60, 18], [0, 0, 1]], {SIZE})
-depth = np.where(np.hypot(x - 30, y - 18) < 9, 2, 4).astype(np.float32)
-view = ibr.DepthImage(np.dstack([x, y, x + y]).astype(np.uint8), depth, camera)
+from tests.scenes import stepped
+view = stepped({SIZE})
 device.current()
 process = builder.builders[0]._process if builder.builders else None
 print("builder", process._process.pid if process else None)
 HERE
-frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2))
+frame = ibr.warp(view, view.camera.moved(0.1, 0.05, 0.2))
 print("built", len([line for line in process.lines if line.startswith(builder.BUILT)]) if process else None)
 print("sum", zlib.crc32(frame.color.tobytes() + frame.depth.tobytes()))
 """

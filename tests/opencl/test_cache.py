@@ -243,26 +243,20 @@ def test_a_file_that_others_can_write_is_not_used(own_cache: Path, kind: str):
 
 DAMAGED = """
 import json, random, shutil, warnings
-import numpy as np
-import pyibr as ibr
 from pyibr.opencl import cache, probe
-from pyibr.opencl.device import _default_session, current
+from pyibr.opencl.device import current
 from pyibr.opencl.program import keeping_binaries
 from pyibr.opencl.runtimes import found_devices
 from tests.opencl.damage import KINDS
-folder = cache.cache_folder()
-camera = ibr.Camera([[30, 0, 20], [0, 30, 15], [0, 0, 1]], (41, 31))
-y, x = np.mgrid[:31, :41]
-picture = np.dstack([x * 6, y * 8, x + y]).astype(np.uint8)
-view = ibr.DepthImage(picture, (2 + 0.01 * x + (y > 15)).astype(np.float32), camera)
+from tests.opencl.everything import warped
+folder, call = cache.cache_folder(), warped()
 
 def render():
     current().kernels.clear()
     probe._tested.clear()
     assert probe.probe(found_devices()[current().device.index]).works
     with keeping_binaries():
-        frame = ibr.warp(view, camera.moved(0.1, 0.05, 0.2))
-    return frame.color.tobytes() + frame.depth.tobytes() + frame.valid.tobytes()
+        return [array.tobytes() for array in call()]
 
 written = []
 write = cache.Entry.write

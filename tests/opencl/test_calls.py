@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
@@ -27,8 +26,8 @@ from pyibr.opencl.watch import Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
 from tests.opencl.everything import Call, arrays_of, calls, same
-from tests.opencl.test_memory import refusing
 from tests.opencl.test_in_flight import pieces
+from tests.opencl.test_memory import refusing
 from tests.processes import run_within, with_path
 
 
@@ -38,9 +37,7 @@ class _Interrupted(Watch):
     def __init__(self, at: int, after: bool) -> None:
         self.left, self.after = at, after
 
-    def launch(
-        self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
-    ) -> None:
+    def launch(self, kernel, grid, arguments, enqueue) -> None:
         self.left -= 1
         if self.left == 0 and not self.after:
             raise KeyboardInterrupt

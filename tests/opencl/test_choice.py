@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,8 +17,7 @@ BROKEN = Outcome(False, "every build fails: unknown target CPU 'generic'")
 
 
 def found(index: int, name: str, kind: runtimes.Kind, version: str = "OpenCL 3.0 PoCL 3.0-rc2") -> Found:
-    handle: Any = None  # not used by the rules
-    platform = "Portable Computing Language"
+    platform, handle = "Portable Computing Language", None  # the rules do not use the handle
     return Found(index, platform, name, "The maker", version, f"driver {index}", kind, f"key{index}", handle)
 
 

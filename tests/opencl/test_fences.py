@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import shutil
 import signal
-import subprocess
 import sys
 
 import pytest
@@ -49,16 +48,12 @@ for by in (0, 1):
 """
 
 
-def run(*command: str) -> subprocess.CompletedProcess[str]:
-    return run_within(1800, [sys.executable, *command])
-
-
 @linux
 @pytest.mark.parametrize("where", ["start", "end"])
 @pytest.mark.parametrize("of", ["reads", "writes", "changes"])
 def test_a_byte_too_far_ends_the_process(where, of):
     """If it did not, the runtime would not use memory in place, and the next test would prove nothing."""
-    done = run("-c", STEP, where, of)
+    done = run_within(1800, [sys.executable, "-c", STEP, where, of])
     assert done.stdout == "through 0\n" and done.returncode == -signal.SIGSEGV, done.stderr
 
 
@@ -67,7 +62,7 @@ def test_a_byte_too_far_ends_the_process(where, of):
 @pytest.mark.parametrize("group", GROUPS)
 def test_no_kernel_leaves_its_arrays(group, lanes):
     """Kernels terminate and stay within their arrays, even if numbers in their structs are replaced by invalid ones."""
-    done = run("-m", "tests.opencl.fences", group, str(lanes))
+    done = run_within(1800, [sys.executable, "-m", "tests.opencl.fences", group, str(lanes)])
     last = done.stdout.splitlines()[-1:]
     assert done.returncode == 0, f"{done.returncode} in {last}, {done.stderr[-2000:]}"
     assert last == [f"through in lanes: {lanes}"]

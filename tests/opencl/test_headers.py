@@ -64,6 +64,7 @@ kernel void take(Thing one, global const Thing *many, global float *sums)
 }
 """
 FIRST, VALUES, LAST = ("first", np.int32), ("values", np.float32, 3), ("last", np.uint32)
+APART = {"names": ["first", "values", "last"], "formats": ["i4", "3f4", "u4"], "offsets": [0, 4, 20]}
 
 
 def test_a_struct_is_read_as_c_lays_it_out(folder):
@@ -233,10 +234,7 @@ def test_a_launch_takes_the_struct_that_is_declared(take):
         ([FIRST, ("values", np.float64, 3), LAST], "'float64 values[3]' instead of 'float values[3]'"),
         ([FIRST, ("values", np.float32, 4), LAST], "'float values[4]' instead of 'float values[3]'"),
         ([FIRST, ("values", np.float32), LAST], "'float values' instead of 'float values[3]'"),
-        (
-            {"names": ["first", "values", "last"], "formats": ["i4", "3f4", "u4"], "offsets": [0, 4, 20]},
-            "24 bytes instead of 20",
-        ),
+        (APART, "24 bytes instead of 20"),
     ],
 )
 def test_a_launch_refuses_what_lies_otherwise(take, members, wrong, from_disk):

@@ -20,8 +20,8 @@ from pyibr.opencl.device import current, devices, use_device
 from pyibr.opencl.probe import forget, probe
 from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.selftest import Outcome
-from tests.opencl.test_memory import refusing
 from tests.opencl.test_choice import found
+from tests.opencl.test_memory import refusing
 from tests.processes import run_python
 
 
@@ -93,9 +93,10 @@ def a_call() -> None:
     assert current().device.works
 
 
-def a_call_on_a_named_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYIBR_DEVICE", found_devices()[0].platform)
-    a_call()
+def a_call_on_a_named_device() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYIBR_DEVICE", found_devices()[0].platform)
+        a_call()
 
 
 def a_list() -> None:
@@ -121,13 +122,12 @@ def test_a_device_that_was_broken_is_asked_again_but_once(
     for entry in found_devices():
         probe_module._entry(entry).write(Outcome(False, "as it was yesterday").to_json().encode())
     monkeypatch.setattr(probe_module, "_test_apart", answer)
-    arguments = [monkeypatch] if ask is a_call_on_a_named_device else []
     for _ in range(3):
         if mended or ask is a_list:
-            ask(*arguments)
+            ask()
         else:
             with pytest.raises(DeviceError, match="as it is today"):
-                ask(*arguments)
+                ask()
     assert asked and len(asked) == len(set(asked))
 
 

@@ -218,19 +218,10 @@ def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dic
 
 PICTURES = """
 import hashlib
-import numpy as np
-import pyibr as ibr
-from tests.relief.solids import grid, torus
-rng = np.random.default_rng(1)
-camera = ibr.Camera([[80, 0, 47.5], [0, 80, 47.5], [0, 0, 1]], (96, 96))
-colors, heights = rng.integers(0, 256, (96, 96, 3), np.uint8), rng.random((32, 32), np.float32)
-view = ibr.DepthImage(colors, 3 + rng.random((96, 96), np.float32), camera)
-mesh, eye = grid(torus, 24, 12), ibr.Camera.look_at((4, 0, 2), (0, 0, 0), (0, 0, 1), (120, 90), fov_y=40)
-frames = [ibr.warp(view, camera.moved(0.2, 0.05, 0.1), edges="cut")]
-made_of = mesh, heights, colors, 0.1
-things = [mesh, ibr.ReliefSurface(*made_of, tiles=(6, 3)), ibr.SlicedSurface(*made_of, tiles=(6, 3))]
-frames += [ibr.render(thing, eye, light=ibr.Light(direction=(-1, 0.3, -1))) for thing in things]
-print([hashlib.sha256(frame.color.tobytes() + frame.depth.tobytes()).hexdigest() for frame in frames])
+from tests.opencl.everything import calls
+made = calls()
+for name in ("sweep", "mesh", "relief", "sliced"):
+    print(hashlib.sha256(b"".join(array.tobytes() for array in made[name]())).hexdigest())
 """
 
 

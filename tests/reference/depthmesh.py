@@ -9,7 +9,7 @@ are moved to its last column or row.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -61,6 +61,13 @@ class Triangle:
     @property
     def corners(self) -> tuple[Corner, Corner, Corner]:
         return self.start, self.apex, self.end
+
+
+def halves_of_cell(x: int, y: int) -> list[list[Corner]]:
+    """Corners of the two triangles of the cell whose upper left sample is (x, y)."""
+    four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
+    skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)  # indices of the corners that the two triangles lack
+    return [[corner for k, corner in enumerate(four) if k != other] for other in skip]
 
 
 @dataclass
@@ -148,11 +155,8 @@ class Tree:
         """Pairs of samples, in both orders, that are joined by an edge of a drawn triangle of the full grid."""
         found: set[tuple[Corner, Corner]] = set()
         for y, x in np.argwhere(self.cells[:-1, :-1]).tolist():
-            four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)
-            for side, other in enumerate(skip):
+            for side, corners in enumerate(halves_of_cell(x, y)):
                 if self.cells[y, x] >> 2 * side & 3 == DRAWN:
-                    corners = [corner for k, corner in enumerate(four) if k != other]
                     found |= {(a, b) for a in corners for b in corners}
         return found
 
@@ -367,8 +371,6 @@ def smoothed(view: DepthImage) -> np.ndarray:
 
 # --- segmentation --------------------------------------------------------------------------------------------------
 
-Bridges = Callable[[list[Corner]], bool]
-
 
 def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
     """(H, W) states of each cell's two triangles: DRAWN if the three samples are valid and bridge no gap."""
@@ -420,20 +422,13 @@ def segmented(view: DepthImage, rule: Segmentation) -> np.ndarray:
         sides = [(a, b) for a in corners for b in corners if a < b and (a[0] == b[0] or a[1] == b[1])]
         return not all(connected(a, b) for a, b in sides)
 
-    tests: dict[str, Bridges] = {
-        "orthogonality": orthogonality,
-        "disparity": disparity,
-        "connectedness": connectedness,
-        "none": lambda corners: False,
-    }
+    tests = {"orthogonality": orthogonality, "disparity": disparity, "connectedness": connectedness}
+    bridges = tests.get(rule.test, lambda corners: False)
     cells = np.zeros((height, width), np.uint8)
     for y in range(height - 1):
         for x in range(width - 1):
-            four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-            skip = (2, 1) if (x + y) % 2 == 0 else (3, 0)  # indices of the corners that the two triangles lack
-            for side, other in enumerate(skip):
-                corners = [corner for k, corner in enumerate(four) if k != other]
-                drawn = all(map(tree.is_sample, corners)) and not tests[rule.test](corners)
+            for side, corners in enumerate(halves_of_cell(x, y)):
+                drawn = all(map(tree.is_sample, corners)) and not bridges(corners)
                 cells[y, x] |= (DRAWN if drawn else UNDRAWN) << 2 * side
     return cells
 
