@@ -14,12 +14,9 @@ from tests.scenes import moved_aside
 Array = NDArray[Any]
 
 OFF = 0.01  # relative: with a larger depth error, a pixel shows another place of the surface
+# Largest error of a stored depth, in units of its last place (ulp). Stored nearness is wrong by up to 4 ulp, since its
+# last bits hold edges. That is up to 8 ulp of depth, and two inversions add 2.
 KEPT_ULP = 10
-"""Largest error of a stored depth, in units of its last place (ulp).
-
-Stored nearness is wrong by up to 4 ulp, since its last bits hold edges. That is up to 8 ulp of depth. Two inversions
-add 2.
-"""
 HAIR = 0.002  # target pixels: kernels treat a ray that passes a sample within half of this as a ray through it
 
 

@@ -58,12 +58,11 @@ def test_a_set_that_cannot_be_written_leaves_the_former_one(tmp_path):
 @pytest.mark.parametrize("cameras", ["own", "pose", "matrix"])
 def test_frames_are_read_in_the_order_of_their_names(tmp_path, layout, cameras):
     views = {"b": view(1.0), "a": view(0.0), "c": view(2.0)}
-    folder = {"color": "rgb" if layout == "rgb" else "color"}
 
     def path(name: str, kind: str, ending: str) -> Path:
-        made = tmp_path / (
-            f"{name}.{kind}{ending}" if layout == "names" else f"{folder.get(kind, kind)}/{name}{ending}"
-        )
+        if layout == "names":
+            return tmp_path / f"{name}.{kind}{ending}"
+        made = tmp_path / ("rgb" if layout == "rgb" and kind == "color" else kind) / f"{name}{ending}"
         made.parent.mkdir(exist_ok=True)
         return made
 

@@ -24,6 +24,11 @@ def _two(folder: Path, random: Random) -> list[Path]:
     return random.sample(sorted((folder / "programs").iterdir()), 2)
 
 
+def _with_a_flipped_bit(data: bytes, random: Random) -> bytes:
+    bit = 1 << random.randrange(8 * len(data))
+    return (int.from_bytes(data, "big") ^ bit).to_bytes(len(data), "big")
+
+
 def _with_zeros(data: bytes, random: Random) -> bytes:
     start = random.randrange(len(data))
     end = min(start + 4096, len(data))
@@ -31,9 +36,7 @@ def _with_zeros(data: bytes, random: Random) -> bytes:
 
 
 BYTES: dict[str, Callable[[bytes, Random], bytes]] = {
-    "a flipped bit": lambda old, rng: (int.from_bytes(old, "big") ^ 1 << rng.randrange(8 * len(old))).to_bytes(
-        len(old), "big"
-    ),
+    "a flipped bit": _with_a_flipped_bit,
     "cut": lambda old, rng: old[: rng.randrange(len(old))],
     "emptied": lambda old, rng: b"",
     "zeroed": lambda old, rng: bytes(len(old)),
