@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 
 import pyibr as ibr
-from pyibr.capture import models
+from pyibr.capture.models import torus_mesh
 
 
 @cache
 def torus() -> ibr.Mesh:
-    corners = models.torus_mesh().vertices.reshape(384, 768, 3)[::4, ::4]
+    corners = torus_mesh().vertices.reshape(384, 768, 3)[::4, ::4]
     rows, columns = corners.shape[:2]
     y, x = np.mgrid[:rows, :columns]
     numbers = [((y + dy) % rows * columns + (x + dx) % columns).ravel() for dy, dx in ((0, 0), (0, 1), (1, 1), (1, 0))]
