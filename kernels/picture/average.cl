@@ -1,13 +1,13 @@
-/* Antialiasing: averages the samples of each pixel, a regular grid of `side` x `side`.
+/* Antialiasing: averages the `side` x `side` samples of each pixel.
  *
  * The colour is the mean of all samples. Empty samples are black, so the mean is colour times coverage. The depth is
- * that of the front surface. It comes from the mean nearness (which is affine on a plane) of all samples if the pixel
- * shows one surface. Otherwise, it comes from the samples whose nearness is closer to the nearest sample's than to the
- * farthest one's. Samples of filled holes have a colour and a depth, but are not valid: their depths only count in
- * pixels without valid samples. sample_depth, sample_color, sample_valid: (side * height, side * width); in empty
- * samples, depth is NaN, and colour and valid are 0. depth, color: (height, width). valid: (height, width) 1 if any
- * sample is valid. alpha: (height, width) fraction of valid samples. With GUESSES: sample_guesses: depths
- * of guessed surface, equal to sample_depth where it is shown; guesses: depths of pixels that show any, else NaN.
+ * that of the front surface, from the samples' mean nearness (which is affine on a plane). If the samples of a pixel
+ * show several surfaces, only the front ones count: their nearness is closer to the greatest than to the least nearness
+ * in the pixel. Samples of filled holes have a colour and a depth, but are not valid: their depths only count in pixels
+ * without valid samples. sample_depth, sample_color, sample_valid: (side * height, side * width); in empty samples,
+ * depth is NaN, and colour and valid are 0. depth, color: (height, width). valid: (height, width) 1 if any sample is
+ * valid. alpha: (height, width) fraction of valid samples. With GUESSES: sample_guesses: depths of guessed surface; a
+ * sample shows it if this depth equals sample_depth. guesses: the depth of each pixel with such a sample, else NaN.
  * Work-item: STRIP * LANES pixels of a row. Cost: O(samples). Determinism: pixels are independent.
  */
 #include "lib/color.h"
@@ -29,13 +29,13 @@ INLINED floatl nearness_of_samples(global const float *sample_depth, global cons
     return select_lanes(seen_alone & !seen, (floatl)NAN, n);
 }
 
-/* Least nearness of the samples that count, greatest nearness, sum of nearness, and number of samples */
+/* For the samples that count: their least nearness, greatest nearness, sum of nearness, and number */
 typedef struct {
     floatl low, high, sum;
     intl count;
 } Depths;
 
-/* The above values for the samples whose nearness is at least `least` */
+/* These values of the samples whose nearness is at least `least` */
 INLINED Depths depths_of(global const float *sample_depth, global const uchar *sample_valid, intl first, int side,
                          int width, int perspective, intl seen_alone, floatl least)
 {
@@ -92,7 +92,7 @@ void average_packet(global const float *sample_depth, global const channel *samp
 }
 
 #if GUESSES
-/* Writes the depth of each of a packet's pixels in which any sample shows guessed surface, NaN for the others. */
+/* For each pixel of a packet, writes its depth if one of its samples shows guessed surface, else NaN. */
 INLINED void average_guesses(global const float *sample_depth, global const float *sample_guesses, int side, int width,
                              global const float *depth, global float *guesses, int x0, int y)
 {

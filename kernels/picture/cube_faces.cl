@@ -1,16 +1,16 @@
 /* Computes a lens's picture from the pictures on a cube's faces, or from one pinhole picture: each pixel reads the
- * place in a face that its own ray hits.
+ * place where its ray hits a face.
  *
  * If the four face pixels around this place show one surface, nearness (which is affine on a plane) and colour are
- * interpolated. At the edges of surfaces, next to holes, and if `linear` is 0, they are taken from the nearest face
- * pixel. Four pixels show one surface if none is empty, and if each step between neighbours is small or equals the next
- * step in the same row or column: so slopes of any steepness are not edges. With `filled`, a hole is only empty for a
- * pixel whose nearest face pixel is valid. places: (3, height, pitch) u and v in the face, NaN for pixels of other
- * faces; and the depth in the lens's frame, divided by the depth in the face's frame. face_depth, face_color,
- * face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid: (height, width); pixels of other
- * faces are emptied by the `first` face, and unchanged by the others. With ORIGINS, CLASSES or GUESSES, the origins,
- * classes or guesses are copied, too; pixels without a ray get the class `unseen`. Work-item: STRIP * LANES pixels of a
- * row. Cost: O(pixels). Determinism: pixels are independent.
+ * interpolated. At the edges of surfaces, next to holes, and if `linear` is 0, both are taken from the nearest face
+ * pixel. Four pixels show one surface if none is empty, and if the nearness of each two neighbours differs little, or
+ * as much as that of the next two in their row or column: so even steep slopes are not edges. With `filled`, holes are
+ * filled; a filled hole only counts as empty if the nearest face pixel is valid. places: (3, height, pitch) u and v in
+ * the face, NaN if the pixel's ray hits another face; and the depth in the lens's frame, divided by that in the face's
+ * frame. face_depth, face_color, face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid:
+ * (height, width); pixels of other faces are emptied if this face is the `first`, else unchanged. With ORIGINS, CLASSES
+ * or GUESSES, the origins, classes or guesses are copied, too; pixels without a ray get the class `unseen`. Work-item:
+ * STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -34,15 +34,15 @@ typedef struct {
 } Face;
 
 typedef struct {
-    intl own;         /* mask of the pixels of this face */
+    intl own;         /* mask: the pixel's ray hits this face */
     intl x, y, whole; /* the first of the four pixels around the place; mask: the four show one surface */
     intl nearest;     /* index of the nearest pixel */
     floatl weights[4], z;
     Color color;
 } Reading;
 
-/* Nearness of face pixels, which may lie outside of the face; NaN if empty and, for lanes in the mask `seen`, in filled
- * holes. */
+/* The nearness of face pixels; NaN if they are empty or outside of the face and, for lanes in the mask `seen`, in
+ * filled holes. */
 INLINED floatl face_nearness(Face face, intl seen, intl column, intl row)
 {
     intl known = (column >= 0) & (column < face.width) & (row >= 0) & (row < face.height);
@@ -52,7 +52,7 @@ INLINED floatl face_nearness(Face face, intl seen, intl column, intl row)
     return select_lanes(known, 1.0f / (floatl)(gather(face.depth, at)), (floatl)NAN);
 }
 
-/* Tells whether the step from b to c is small, or equals the step from a to b, or equals that from c to d. False for
+/* Tells whether the nearness changes from b to c by little, or by as much as from a to b, or as from c to d. False for
  * NaN. */
 INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
 {
@@ -184,7 +184,7 @@ INLINED void copy_classes(const Reading *read, int count, int empties, global co
 #endif
 
 #if GUESSES
-/* Writes the depths of pixels that show guessed surface: one of the face pixels that are read shows it. */
+/* Writes the depth of each pixel that reads a face pixel with guessed surface, NaN for the others. */
 INLINED void copy_guesses(const Reading *read, Face face, int count, global const float *face_guesses,
                           global const float *depth, global float *guesses)
 {

@@ -1,17 +1,17 @@
 /* Deferred lighting of things made of images, after all things are drawn.
  *
  * The G-buffer (lib/gbuffer.h) marks the pixels that show such things. With RELIT 0, their colours contain the light of
- * the photograph, so only shadows are added. In shadow, only the light's ambient part remains. The same holds where the
- * surface faces away from the light; direct light fades out as the cosine between normal and light falls from `fade` to
- * 0. With RELIT 1, colours are the surface's own and are shaded as on meshes (lib/light.h), by the thing's normals, or
- * by normals from depths at pixels `neighbour_offset` apart. A normal that points away from the viewer belongs to the
+ * the photograph, so only shadows are added. In shadow, and where the surface faces away from the light, only the
+ * light's ambient part remains. Direct light fades out as the cosine between normal and light falls from `fade` to 0.
+ * With RELIT 1, colours are the surface's own and are shaded as on meshes (lib/light.h), by the thing's normals, or by
+ * normals from the depths of neighbours (picture/facing.h). A normal that points away from the viewer belongs to the
  * surface's back and is reversed. To read shadow maps, normals from depths are always used, since the thing's normals
  * may be interpolated.
  *
  * entered, numbers, normals: depth, thing and normal of the G-buffer; normals are only read for things that have
- * them. things: (things, THING); for each thing: the shadow bias in scene units; the distance in pixels between depths
- * from which slopes are computed; the cosine `fade`, 0 for solids, whose fronts shadow their backs; 1 if the thing has
- * normals. depth, color: the picture. Work-item: LANES pixels of a row. Cost: O(pixels) for each thing in them.
+ * them. things: (things, THING); for each thing: the shadow bias in scene units; the distance in pixels to the
+ * neighbours whose depths give slopes; the cosine `fade`, 0 for solids, whose fronts shadow their backs; 1 if the thing
+ * has normals. depth, color: the picture. Work-item: LANES pixels of a row. Cost: O(pixels * things in a packet).
  * Determinism: pixels are independent.
  */
 #include "lib/color.h"
@@ -22,7 +22,7 @@
 #define RELIT 0 /* 1: colours are the surface's own */
 #endif
 #define THING 4
-#define BACKFACING 0.2f /* cosine: so far, interpolated normals of visible surfaces may point away from the viewer */
+#define BACKFACING 0.2f /* greatest cosine of an interpolated normal and the view direction on a surface's front */
 #define SHORTEST_MEAN 0.1f /* shorter interpolated normals have no certain direction: 8 bits resolve 0.004 */
 
 #if RELIT

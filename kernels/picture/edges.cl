@@ -2,12 +2,13 @@
  *
  * Two neighbours lie on one surface if the surface faces the camera (their difference of nearness is too small for a
  * steep slope), or if it continues: the slope on one side of the pair predicts the rise from one neighbour to the
- * other. The slope may grow by a tenth. It may grow more if the surface is also steep in the same direction on the
- * other side of the pair, or has no sample there: a surface that bends away is steep on both sides or ends, but a step
- * from its limb to another surface is steep on one side only. A mixed sample between two surfaces continues neither of
- * them: the mean slope of the three samples on one side is only half of its rise. Noise and the steps of a quantized
- * scale are not edges. The mean slope of three adjacent lines predicts with less noise. Instead of this test, or in
- * addition, a Cut may tear neighbours apart whose depths have too large a ratio.
+ * other. From this side to the pair, the slope may grow by a tenth. It may grow by more if the other side of the pair
+ * is steep in the same direction, or has no sample: a surface that bends away is steep on both sides or ends, but a
+ * step from its limb to another surface is steep on one side only. A sample that mixes two surfaces continues neither:
+ * the mean slope over this sample and the next two of one surface is only half of its rise to the other. Noise and the
+ * steps of a quantized scale are not edges. If a pair in a row or column fails this test, the mean of the slopes on one
+ * side of it, taken from its own and the two adjacent rows (or columns), is tried, because it has less noise. A Cut
+ * (lib/surface.h) may replace the test; or pairs are torn apart only if both tear them.
  *
  * A sample covers its pixel. So a ring of further samples surrounds the image; each lies on the straight line through
  * the two nearest samples inside. With the ring, the surface extends to the edges of the image's pixels
@@ -36,11 +37,11 @@ INLINED floatl image_samples(Image image, intl x, intl y)
     return select_lanes(inside, (floatl)(gather(image.nearness, at)), (floatl)NO_SURFACE);
 }
 
-#define KEEP_GROWTH 0.1f   /* growth of a slope that surfaces may have from one pair to the next; edges rise by more */
+#define KEEP_GROWTH 0.1f   /* fraction by which a surface's slope may grow from pair to pair; at edges, it grows by more */
 #define BEND_GROWTH 0.6f   /* the same if the other side is steep or ends: a sphere's last slopes grow by under half */
-#define STEEP_TIMES 4.0f   /* the other side is steep if a pair rises by at most this many times its slope */
+#define STEEP_TIMES 4.0f   /* a pair's other side is steep if the pair rises by at most this many times its slope */
 #define SAME_TIMES 2.05f   /* a pair may rise by this many times the smaller slope of both sides: steps may double it */
-#define LEAST_RISE 0.05f   /* fraction of the slope: if a pair rises by less, there is a step next to it */
+#define LEAST_RISE 0.05f   /* fraction of the slope on one side: if a pair rises by less, that side has a step */
 
 /* Slopes on one side of a pair, positive if nearness changes there in the same direction as within the pair. `nearest`:
  * from the two nearest samples; `agreed`: the smaller of `nearest` and the mean slope of the three nearest samples, at
@@ -50,8 +51,8 @@ typedef struct {
     intl known;
 } Slope;
 
-/* The slope on one side of a pair: from its sample (x, y) outwards, along (dx, dy). (The operands are selected, not the
- * results: Debian 13's LLVM cannot compile the latter for one lane.) */
+/* The slope on one side of a pair: from the pair's sample (x, y) outwards, along (dx, dy). (The operands are selected,
+ * not the results: Debian 13's LLVM cannot compile the latter for one lane.) */
 INLINED Slope slope_at(Image image, intl x, intl y, intl dx, intl dy, floatl sign)
 {
     const floatl a = image_samples(image, x, y), next = image_samples(image, x + dx, y + dy);
@@ -72,7 +73,7 @@ INLINED intl follows(floatl rise, floatl slope, floatl growth, floatl allowed)
     return (rise <= slope + allowed + growth * sure) & (rise >= LEAST_RISE * sure);
 }
 
-/* Tells whether a pair's rise continues the surface on one `side` of the pair, given its `other` side. */
+/* Tells whether a pair continues the surface on its one `side`; the `other` decides how much the slope may grow. */
 INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
 {
     const intl bends = (STEEP_TIMES * other.nearest >= rise - allowed) | !other.known;
@@ -80,7 +81,7 @@ INLINED intl goes_on_from(floatl rise, Slope side, Slope other, floatl allowed)
     return side.known & follows(rise, select_lanes(bends, side.nearest, side.agreed), growth, allowed);
 }
 
-/* Tells whether a rise follows from the mean of the slopes that are known on one side, on three adjacent lines. */
+/* Tells whether a pair's rise follows from the mean of the known slopes on one side of it, in three adjacent lines. */
 INLINED intl follows_mean(floatl rise, Slope a, Slope b, Slope c, floatl allowed)
 {
     const floatl count = fabs(to_floatl(a.known + b.known + c.known)); /* true is 1 for one lane, -1 for many */
@@ -100,7 +101,7 @@ OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest te
 #define BEFORE(side) slope_at(image, x + (side) * dy, y + (side) * dx, -dx, -dy, sign)
 #define AFTER(side) slope_at(image, x + dx + (side) * dy, y + dy + (side) * dx, dx, dy, -sign)
     const Slope before = BEFORE(0), after = AFTER(0);
-    const intl diagonal = (dx & dy) != 0; /* not torn if no slope is known, as in corners: the cell's edges decide */
+    const intl diagonal = (dx & dy) != 0; /* if no slope is known, as in corners, only the cell's edges may be torn */
     const intl alone = goes_on_from(rise, before, after, allowed) | goes_on_from(rise, after, before, allowed) |
                        (rise <= allowed + SAME_TIMES * min_lanes(before.agreed, after.agreed)) |
                        (diagonal & !(before.known | after.known));
@@ -111,11 +112,11 @@ OUTLINED intl goes_on(Image image, intl x, intl y, intl dx, intl dy, EdgeTest te
     return alone | (mean & !diagonal);
 }
 
-/* A part of a row, processed at a time: the bits of its samples, and the pairs of samples that may be torn apart. The
- * pairs are collected first, so that full packets of them are tested. */
+/* A part of a row that is processed at once: the bits of its samples, and the pairs of samples that may be torn apart.
+ * Pairs are collected until they fill a packet, then tested. */
 typedef struct {
     int bits[STRIP * LANES];        /* TORN_... bits, starting at sample `first` */
-    int x[4 * LANES], edge[4 * LANES]; /* pairs: the column of the sample that stores their bit, and this bit */
+    int x[4 * LANES], edge[4 * LANES]; /* each pair: the column of the sample that stores its bit; the bit */
     int pairs, first, y;
 } Part;
 
@@ -134,8 +135,8 @@ OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
     const intl goes = goes_on(image, select_lanes(across, x + 1, x), (intl)part->y, dx, dy, test, wanted);
     for (uint torn = lane_bits(wanted & !goes); torn; torn = WITHOUT_LOWEST(torn)) {
         const int at = int_lane(x, LOWEST(torn)), bit = int_lane(edge, LOWEST(torn));
-        /* In the image's last row or column, one end of the diagonal lies in the ring, so this edge decides for it,
-         * too. */
+        /* In the image's last row or column, one end of the diagonal lies in the ring, so it is torn if this edge
+         * is. */
         const int is_last = bit == TORN_RIGHT ? part->y + 1 == image.height : at + 1 == image.width;
         part->bits[PLACE(at - part->first)] |= bit | (is_last ? TORN_DIAGONAL : 0);
     }
@@ -143,8 +144,9 @@ OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
 }
 
 /* Tells whether samples a and b are torn apart without a further test: one is missing, or the test is a Cut that tears
- * them. Sets `may` for other pairs whose change exceeds both the noise and the limit for surfaces that face the camera:
- * per_pixel, in the direction from a to b. */
+ * them. Sets `may` (they may be torn) for other pairs whose change exceeds what noise explains, and exceeds
+ * `per_pixel`, the limit in this pair's direction for surfaces that face the camera; with test.both, the Cut must also
+ * tear them. */
 INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test, intl *may)
 {
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);
@@ -159,7 +161,7 @@ INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTes
     return far <= NO_SURFACE;
 }
 
-/* Adds the pairs of the samples x to x + LANES - 1 in the mask `may`. */
+/* Collects pairs in the mask `may`: those that samples x to x + LANES - 1 form along `edge`, a TORN_... bit. */
 INLINED void add_pairs(Part *part, Image image, int x, int edge, intl may, EdgeTest test)
 {
     for (uint left = lane_bits(may); left; left = WITHOUT_LOWEST(left)) {
@@ -218,7 +220,7 @@ OUTLINED void mark_packet(Part *part, Packet n, Image image, int x, Cut cut, Edg
         test_pairs(part, image, test);
 }
 
-/* Tells whether any pair in a packet may be torn apart, from the range of each sample and its two neighbours. */
+/* Tells whether any pair in a packet may be torn apart, from the nearness of each sample and its two neighbours. */
 INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
 {
     const floatl near = max_lanes(max_lanes(n.here, n.right), n.below);
@@ -227,7 +229,7 @@ INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
         return any_lane(IS_OPEN(cut, near, far));
     const float least = min(test.per_pixel[0], test.per_pixel[1]);
     const floatl slope = test.perspective ? least * far : (floatl)least;
-    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* the least that may hold for any pair */
+    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* the least value of all pairs */
     return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 
@@ -303,9 +305,9 @@ OUTLINED void continue_at(Image image, global float *surface, global float *ring
         beyond += n - nearness[(size_t)by * pitch + ix];
     if (iy != by && iy >= 0 && iy < height && !(as_int(MARKED(bx, min(iy, by))) & TORN_BELOW))
         beyond += n - nearness[(size_t)iy * pitch + bx];
-    /* Limits the ring: half a pixel beyond the border, nearness is half to 1.5 times the border sample's. */
+    /* Limits the ring, so that half a pixel beyond a border sample, nearness is half to 1.5 times the sample's. */
     beyond = n > 0.0f ? clamp(beyond, LEAST_BEYOND * n, 2.0f * n) : clamp(beyond, 2.0f * n, LEAST_BEYOND * n);
-    /* An edge along the ring is torn if the border's edge beside it is; edges that lead to the ring are not. */
+    /* An edge within the ring is torn if the image's edge beside it is; edges between image and ring are not. */
     const int along_row = x == bx && (bits & TORN_RIGHT), along_column = y == by && (bits & TORN_BELOW);
     int torn = (along_row ? TORN_RIGHT : 0) | (along_column ? TORN_BELOW : 0);
     if ((y < 0 && along_row) || (x < 0 && along_column))

@@ -6,9 +6,9 @@
  *
  * depth: (src_height, src_width) planar z; NaN or <= NEAREST becomes NO_SURFACE, >= far or infinite becomes FREE_RAY,
  * which is less than NO_SURFACE. nearness: (src_height, src_pitch); the pitch is not a power of two, as this would slow
- * down reads along columns. ranges: (pieces, 2) least and greatest nearness of each piece, from which the view's reach
- * in a picture is computed; (inf, -inf) without samples. Work-item: a piece of a row: `piece` samples, a multiple of
- * LANES, or the whole row. Cost: O(samples). Determinism: each sample depends on depths alone.
+ * down reads along columns. ranges: (pieces, 2) least and greatest nearness of each piece, which limit the part of a
+ * picture that the view reaches; (inf, -inf) without samples. Work-item: a piece of a row: `piece` samples, a multiple
+ * of LANES, or the whole row. Cost: O(samples). Determinism: each sample depends on depths alone.
  */
 #include "lib/lanes.h"
 #include "lib/surface.h"

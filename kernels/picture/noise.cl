@@ -1,10 +1,10 @@
 /* Estimates the noise of depth and, if depths are quantized, their steps. It reads strips of three adjacent rows or
  * columns.
  *
- * Neighbouring samples form cells of 2 x 2. In a cell, the difference between two neighbours changes from one line to
- * the next by noise alone if the surface is a plane. Quantized depths form stairs: a sample equals one neighbour and
- * differs from the other by a step. Results are collected for ranges of nearness, and a polynomial of depth is fitted
- * to them.
+ * Neighbouring samples form cells of 2 x 2. On a plane, without noise, a cell's two rows have the same difference of
+ * nearness, and so have its two columns. Quantized depths form stairs: a sample equals one neighbour and differs from
+ * the other by a step. Both kinds of differences are collected for ranges of nearness, and a polynomial in depth is
+ * fitted to each kind.
  *
  * depth: (height, width) planar z; depths <= 0, not finite or >= far are ignored. cells: approximate number of cells
  * to read. tables: NoiseTables, then room for the strips (pyibr/picture/noise.py). noise: 6 floats: a, b, c of the
@@ -15,19 +15,20 @@
 #include "lib/lanes.h"
 
 #define NOISE_ITEMS 256         /* greatest number of work-items */
-#define NOISE_RANGES 64         /* ranges of nearness, a quarter of an octave each, nearest first; the last is open */
-#define NOISE_SIZES 144         /* bins of differences divided by nearness, an eighth of an octave each */
+#define NOISE_RANGES 64         /* ranges of nearness, 1/4 octave each, nearest first; the last has no end */
+#define NOISE_SIZES 144         /* bins of a histogram of differences divided by nearness, 1/8 octave each */
 #define NOISE_STAIRS 4128       /* greatest number of stairs, 4096, and room for two more packets */
 #define FIRST_SIZE 879          /* upper 12 bits of the floats in the first bin, which collects rounding errors */
 #define LAST_SIZE 137           /* number of the last bin */
 #define NEAREST_RANGE 508       /* upper 11 bits of the float 1, the end of the nearest range */
 #define EDGE_PART 0.1f          /* fraction of nearness: larger differences are edges */
-#define OFF_STEP 0.2f           /* steps by which jumps and gaps may be off, as an image may mix two scales */
+#define OFF_STEP 0.2f           /* in steps: how far a jump may be from one step, and a gap from a whole number of
+                                   steps; an image may mix two scales */
 #define FIT_CHOICES 0x7653421   /* the subsets of the terms a, b, c that are fitted; each hexadecimal digit is a mask */
 #define NOISE_MAX 1e18f         /* its square still fits into single precision */
 
 typedef struct {
-    int counts[3][NOISE_RANGES][NOISE_SIZES];        /* histograms of differences over 1 and over 2 samples, of jumps */
+    int counts[3][NOISE_RANGES][NOISE_SIZES];        /* histograms: changes over 1 sample, over 2, jumps */
     int every[2][NOISE_RANGES], sums[2][NOISE_RANGES]; /* number of cells (0) and stairs (1), and sums of nearness */
     int levels[NOISE_RANGES];                        /* number of cells with four equal samples */
     int nearest, known, smooth, high, farthest, last, changes, steep, whole, below, near_one, ones, gaps, whole_gaps,
@@ -80,8 +81,7 @@ INLINED void copy_strips(Estimate e, global const float *depth, int along, int a
                          global float *to)
 {
     for (int strip = 0; strip < count; strip++, to += length + 2) {
-        /* Multiples of the golden ratio, modulo 1, spread the strips without a period that the picture may have,
-         * too. */
+        /* Multiples of the golden ratio, modulo 1, spread the strips without a period that the picture could share. */
         const int line = count == lines - 2 ? strip : (int)mul_hi(strip * 2654435769u, (uint)(lines - 2));
         global const float *from = depth + (size_t)line * across;
         for (int i = e.item; i < length + 2; i += e.items)
@@ -90,8 +90,8 @@ INLINED void copy_strips(Estimate e, global const float *depth, int along, int a
     }
 }
 
-/* Copies the depths of strips, from the grid of every `gap`-th row and column. Returns the length of a line of all
- * strips together, including the two zeros after each strip. */
+/* Copies the depths of strips, from the grid of every `gap`-th row and column. Returns the total length of the strips'
+ * first lines, including two zeros after each. */
 OUTLINED int gather_strips(Estimate e, global const float *depth, int width, int height, int gap, int cells)
 {
     for OWN_PACKETS (e, i, CLEARED)
@@ -165,7 +165,7 @@ OUTLINED void count_cells(Estimate e)
     RAISE(e.t->farthest, RANGE_OF(least_lane(low)));
 }
 
-#define SUM_SHIFT(e) max(21 - (int)clz(2 * (e).stride), 0) /* bits that terms drop, so that sums fit into 32 bits */
+#define SUM_SHIFT(e) max(21 - (int)clz(2 * (e).stride), 0) /* low bits that terms lose, so that sums fit into 32 bits */
 
 INLINED void add_place(Estimate e, int kind, int range, float near)
 {
@@ -186,7 +186,7 @@ INLINED float range_depth(Estimate e, int kind, int range)
 
 OUTLINED void count_differences(Estimate e)
 {
-    const int all = 10 * e.t->smooth < e.t->known; /* noise is as large as edges, so no cell is left out */
+    const int all = 10 * e.t->smooth < e.t->known; /* noise hides edges (few cells are smooth): no cell is left out */
     const int first = RANGE_OF(as_float(e.t->high)), last = e.t->farthest;
     for OWN_PACKETS (e, i, e.stride - LANES) {
         const NoiseCells one = noise_cells(e, 1, i), two = noise_cells(e, 2, i);
@@ -220,7 +220,7 @@ OUTLINED float mean_below(global const int *counts, float share)
     return total ? sum / wanted : 0.0f;
 }
 
-/* The noise's standard deviation, divided by nearness, from a histogram of changes. Equal samples are evidence against
+/* The noise's standard deviation, divided by nearness, from a histogram of changes. Many changes near 0 speak against
  * noise, unless depths are quantized. */
 INLINED float deviation_of(global const int *counts, int on_scale)
 {
@@ -305,9 +305,9 @@ OUTLINED float4 best_fit(Estimate e)
     return best;
 }
 
-/* Triples of adjacent samples. here: the middle sample's nearness; jump: the difference of the two differences to its
- * neighbours; least: the smaller of these two. For i < stride, triple i lies along a strip's first line; from i =
- * stride on, triples lie across the three lines. */
+/* Triples of adjacent samples. here: the middle sample's nearness; jump: by how much its two differences to its
+ * neighbours differ; least: the smaller of the two differences. For i < stride, triple i lies along a strip's first
+ * line; from i = stride on, triples lie across the three lines. */
 typedef struct {
     floatl here, jump, least;
     intl is_change, is_stair, is_steep;
@@ -349,7 +349,7 @@ OUTLINED void count_stairs(Estimate e)
 OUTLINED void keep_stairs(Estimate e)
 {
     global NoiseTables *t = e.t;
-    const int with_steep = 10 * t->whole > 9 * t->steep; /* steep surfaces rise by whole steps, as on a scale */
+    const int with_steep = 10 * t->whole > 9 * t->steep; /* on a scale, steep surfaces rise by whole steps */
     int count = 0, number = 0;
     for (int i = 0; i < e.items; i++) {
         number = i == e.item ? count : number;
@@ -430,7 +430,7 @@ OUTLINED float4 steps_of_stairs(Estimate e)
         TALLY(t->near_one, (ratio > 0.5f) & (ratio < 1.5f))
     }
     MEET
-    const int middle = t->below + t->near_one / 2, before = middle - !(t->near_one & 1); /* ratios' medians */
+    const int middle = t->below + t->near_one / 2, before = middle - !(t->near_one & 1); /* the middle ratios */
     const float exact = t->near_one ? 0.5f * (t->ratios[before] + t->ratios[middle]) : 1.0f;
     steps *= exact;
     for OWN_PACKETS (e, i, t->kept) {
@@ -503,7 +503,7 @@ OUTLINED void estimate_noise(global const float *depth, int width, int height, f
         count_cells(e);
         count_stairs(e);
         MEET
-        gaps = 10 * t->known < count ? 2 : 1; /* every other sample may be missing: then again on every second line */
+        gaps = 10 * t->known < count ? 2 : 1; /* every other sample may be missing: then read every second line */
         MEET
     }
     count_differences(e);

@@ -1,17 +1,17 @@
 /* Computes normals from a depth image: at each sample, a plane is fitted to the surrounding samples by least squares.
  *
  * On a plane, nearness is affine, so the fit is linear. It uses the samples up to `radius` away along x and y that lie
- * on one surface with the middle sample (lib/surface.h); next to an edge, these all lie on one side. An isolated sample
- * faces the camera. nearness: (height, pitch), picture/nearness.cl. normals: (height, width, 3) of unit length, in the
- * camera's frame, pointing towards the camera; arbitrary for invalid samples. fx, skew, fy, cx, cy: entries of the
- * camera's K. Work-item: LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MAX. Determinism:
- * samples are independent.
+ * on one surface with the middle sample (lib/surface.h); next to an edge, these all lie on one side of it. An isolated
+ * sample's normal points to the camera. nearness: (height, pitch), picture/nearness.cl. normals: (height, width, 3) of
+ * unit length, in the camera's frame, pointing towards the camera; arbitrary for invalid samples. fx, skew, fy, cx, cy:
+ * entries of the camera's K. Work-item: LANES samples of a row. Cost: O(samples * radius^2), radius <= RADIUS_MAX.
+ * Determinism: samples are independent.
  */
 #include "lib/surface.h"
 #include "lib/vectors.h"
 
 #define RADIUS_MAX 8
-#define REGULARIZATION 1e-4f /* fraction of the samples' spread: if all lie on one line, the plane is level across it */
+#define REGULARIZATION 1e-4f /* added fraction of the spread: across samples on a single line, the plane is level */
 
 kernel void fit_normals(global const float *nearness, global float *normals, int width, int height, int pitch,
                         int perspective, Cut cut, int radius, float fx, float skew, float fy, float cx, float cy)

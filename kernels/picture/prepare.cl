@@ -1,5 +1,5 @@
-/* Computes a whole surface in one launch, on CPUs: nearness, edges, border, margins and prominence of one band of rows
- * after the other, while the band is in cache.
+/* On CPUs, computes a whole surface in one launch. Each band of rows gets nearness, edges, border, margins and
+ * prominence while it is in cache.
  *
  * Arguments: as in picture/nearness.cl, picture/edges.cl and picture/small_parts.cl. converts: 0 if the nearness is
  * already known. band: number of rows of a band, at least BAND_HALO. A band also needs the rows around it. So two
@@ -10,8 +10,8 @@
 #include "picture/nearness.cl"
 #include "picture/small_parts.cl"
 
-#define BAND_HALO 2  /* rows on each side of a band whose edges prominence reads */
-#define EDGE_HALO 3  /* further rows on which these edges depend */
+#define BAND_HALO 2  /* a band's prominence also depends on the edges in this many rows above and below the band */
+#define EDGE_HALO 3  /* these edges also depend on the nearness in this many rows beyond them */
 
 #if LANES > 1
 kernel void prepare(global const float *depth, global float *nearness, global float *ranges, int converts, float far,

@@ -1,8 +1,8 @@
 /* Finds the ribbons of parts that are one sample wide (lib/ribbons.h), such as wires, leaves and bars.
  *
- * surface: (height + 2, pitch), picture/edges.cl. begins: (height, width), initially 0; in a thin sample's value, bit k
- * is set if the sample owns a ribbon to its neighbour number k. Work-item: STRIP * LANES samples of a row. Cost:
- * O(samples); thin samples also read all of their neighbours. Determinism: samples are independent.
+ * surface: (height + 2, pitch), picture/edges.cl. begins: (height, width), initially 0; a thin sample's bit k is set if
+ * a ribbon leads from it to its neighbour number k. Work-item: STRIP * LANES samples of a row. Cost: O(samples); thin
+ * samples also read all of their neighbours. Determinism: samples are independent.
  */
 #include "lib/lanes.h"
 #include "lib/ribbons.h"

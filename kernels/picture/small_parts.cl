@@ -1,9 +1,9 @@
 /* Finds small parts of a surface: margins (lib/margins.h), which no triangle covers, and samples that stand out from
  * their surroundings (lib/prominence.h), which epipolar lines may miss.
  *
- * If the margin's cell has a closed triangle, the margin continues this triangle's plane. Otherwise, its slope leads to
- * the sample's neighbours on the same surface, and is 0 towards torn neighbours: if it were taken from the opposite
- * side, noise would be amplified, and round surfaces would get spikes.
+ * If the margin's cell has a closed triangle, the margin continues this triangle's plane. Otherwise, its slope along
+ * each axis leads to the neighbour on its side, and is 0 if this neighbour is torn off: a slope from the opposite side
+ * would amplify noise, and give round surfaces spikes.
  *
  * surface: picture/edges.cl. noise: picture/noise.cl. count: the number of margins, initially 0. margins:
  * (MARGIN_PLANES, capacity), lib/margins.h; if `count` exceeds the capacity, some are missing, and the caller launches
@@ -24,7 +24,8 @@ typedef struct {
     intl torn_left, torn_right, torn_above, torn_below;
 } Around;
 
-/* Masks of the samples whose quarters are margins. A quarter's number, 0 to 3, is the sum of its TO_... bits. */
+/* For each quarter of a pixel: masks of samples with a margin there in the lower, upper triangle. A quarter's number, 0
+ * to 3, is the sum of its TO_... bits. */
 typedef struct {
     intl lower[4], upper[4];
 } Parts;
@@ -112,10 +113,10 @@ INLINED void stand_out(Neighbours n, floatl *front, floatl *back)
     *back = max_lanes(row_high, column_high) - n.here;
 }
 
-#define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples at a time: margins are counted, then written */
+#define SPAN (LANES == 1 ? PROMINENCE_BLOCK : STRIP * LANES) /* samples whose margins are counted, then written */
 
-/* Writes the margins of some packets to the columns from `at` on. packets: bit i is set for the packet i * LANES
- * samples after x0 */
+/* Writes the margins of some packets to the columns from `at` on. packets: bit i is set to include the packet that
+ * begins i * LANES samples after x0 */
 OUTLINED void write_quarters(uint packets, Grid grid, int x0, int y, EdgeTest test, global float *margins, int at, int capacity)
 {
     for (; packets; packets &= packets - 1) {

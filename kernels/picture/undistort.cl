@@ -6,7 +6,7 @@
  * places: (2, height, pitch) u and v in the lens's image, NaN outside of it. lens_depth, color: (lens_height,
  * lens_width) the lens's image, with planar z; a depth that is not finite, <= NEAREST or >= far is invalid.
  * undistorted_depth, undistorted_color: (height, width); depth is NaN, and colour black, outside of the lens's image.
- * Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: every pixel on its own.
+ * Work-item: LANES pixels of a row. Cost: O(pixels). Determinism: pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"

@@ -2,12 +2,12 @@
  *
  * An image saw a point if one of the four samples around the point's place in the image is not nearer than the point:
  * on a sloping surface, one of them is farther. So the silhouettes of things in front are accurate to one sample.
- * Normals come from the thing's depths (picture/facing.h): an image on the other side of the surface has seen its back.
+ * Normals come from the thing's depths (picture/facing.h): an image taken from behind the surface has seen its back.
  *
  * own_depth, own_color: (height, width) the thing drawn alone. depth, color, valid: (height, width) the picture; blank:
- * 1 if nothing has been drawn into it. maps: the images' depths, one image after the other, 0 where invalid. views,
- * places: for each image, VIEW_FLOATS and VIEW_INTS numbers. bounds: a box: only points inside are marked. fronts,
- * backs: 1 if images count that face the surface's front, its back. red, green, blue: the mark's colour; share: its
+ * 1 if the picture is still empty. maps: the images' depths, one image after the other, 0 where invalid. views, places:
+ * for each image, VIEW_FLOATS and VIEW_INTS numbers. bounds: a box: only points inside are marked. fronts: 1 if images
+ * that face the surface's front count; backs: the same for its back. red, green, blue: the mark's colour; share: its
  * weight, 0 to 1. Work-item: LANES pixels of a row. Cost: O(pixels * images). Determinism: pixels are independent.
  */
 #include "lib/color.h"
@@ -18,7 +18,7 @@
  * 1) or the direction to the camera (w = 0); and the side of a sample in scene units, at depth 1 if perspective */
 #define VIEW_FLOATS 28
 #define VIEW_INTS 3 /* width, height, start in `maps` */
-#define SAMPLE_TOLERANCE 1.0f /* samples by which a sample may be nearer than the point, as surfaces are curved */
+#define SAMPLE_TOLERANCE 1.0f /* sides of a sample: depths may be nearer than points by this, as surfaces are curved */
 #define EDGE_ON 0.05f /* cosine: if a surface is more oblique, an image may have seen either of its sides */
 
 typedef struct {
