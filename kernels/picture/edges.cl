@@ -37,7 +37,7 @@ INLINED floatl image_samples(Image image, intl x, intl y)
     return select_lanes(inside, (floatl)(gather(image.nearness, at)), (floatl)NO_SURFACE);
 }
 
-#define KEEP_GROWTH 0.1f   /* fraction by which a surface's slope may grow from pair to pair; at edges, it grows by more */
+#define KEEP_GROWTH 0.1f   /* fraction by which a surface's slope may grow from pair to pair; at edges, it grows more */
 #define BEND_GROWTH 0.6f   /* the same if the other side is steep or ends: a sphere's last slopes grow by under half */
 #define STEEP_TIMES 4.0f   /* a pair's other side is steep if the pair rises by at most this many times its slope */
 #define SAME_TIMES 2.05f   /* a pair may rise by this many times the smaller slope of both sides: steps may double it */
@@ -143,10 +143,9 @@ OUTLINED void test_pairs(Part *part, Image image, EdgeTest test)
     part->pairs = from;
 }
 
-/* Tells whether samples a and b are torn apart without a further test: one is missing, or the test is a Cut that tears
- * them. Sets `may` (they may be torn) for other pairs whose change exceeds what noise explains, and exceeds
- * `per_pixel`, the limit in this pair's direction for surfaces that face the camera; with test.both, the Cut must also
- * tear them. */
+/* Tells whether samples a and b are torn apart for sure: one is missing, or the test is a Cut that tears them. Sets
+ * `may` (they may be torn) for other pairs whose change exceeds what noise explains, and exceeds `per_pixel`, the limit
+ * in this pair's direction for surfaces that face the camera; with test.both, the Cut must also tear them. */
 INLINED intl torn_for_sure(floatl a, floatl b, float per_pixel, Cut cut, EdgeTest test, intl *may)
 {
     const floatl near = max_lanes(a, b), far = min_lanes(a, b);

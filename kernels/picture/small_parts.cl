@@ -24,8 +24,7 @@ typedef struct {
     intl torn_left, torn_right, torn_above, torn_below;
 } Around;
 
-/* For each quarter of a pixel: masks of samples with a margin there in the lower, upper triangle. A quarter's number, 0
- * to 3, is the sum of its TO_... bits. */
+/* For each quarter of a pixel (number: sum of its TO_... bits): masks of samples with a margin in either triangle */
 typedef struct {
     intl lower[4], upper[4];
 } Parts;

@@ -4,8 +4,8 @@
  *
  * But in a wide hole, the sides of the occluding object would also be seen, and they look like its front. So the nearer
  * end only counts as foreground if the hole is narrow in the picture, or if both surfaces are flat: continued into the
- * hole, they would not meet. In both cases the two depths must differ by more than two pixels of one surface may.
- * Each of these conditions sets in gradually, so that sequences do not flicker.
+ * hole, they would not meet. In both cases, the two ends' depths must differ by more than `same`. Each condition sets
+ * in gradually, so that sequences do not flicker.
  *
  * The search for an end moves by one pixel at a time along the line's longer axis, and reads the nearest pixel. Lines
  * along rows, columns or diagonals pass through the same pixels for each hole on them, so the holes between two ends
@@ -15,20 +15,20 @@
  *
  * depth, valid: (height, width). behind: holes.h, written in holes alone. Its first plane is the depth behind the
  * holes, 0 if neither direction of the line leads to a valid pixel. The second plane is the falloff, per unit of depth:
- * a pixel next to the hole that is nearer than the depth behind the hole by d is foreground to the fraction falloff *
- * d. blocks: a byte for each block of SKIP_BLOCK x SKIP_BLOCK pixels: 1 if any of them is valid. epipole: all lines
- * lead away from it; if its components are all 0, lines are rows. dx, dy: -1, 0 or 1, the step along all lines: to the
- * row below or, in rows, to the right. same: the depth by which pixels of one surface may differ. Work-item: one block
- * (behind_blocks); 64 * `strip` pixels of a row, and the whole runs of holes that begin in them (behind_runs); `run`
- * pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + holes next to valid pixels *
- * hole's length), where a block counts as one pixel. Determinism: no kernel reads its results.
+ * if a pixel next to the hole is nearer than the depth behind the hole by d, the fraction falloff * d of it counts as
+ * foreground. blocks: a byte for each block of SKIP_BLOCK x SKIP_BLOCK pixels: 1 if any of them is valid. epipole: all
+ * lines lead away from it; if its components are all 0, lines are rows. dx, dy: -1, 0 or 1, the step along all lines:
+ * to the row below or, in rows, to the right. same: the depth by which pixels of one surface may differ. Work-item: one
+ * block (behind_blocks); 64 * `strip` pixels of a row, and the whole runs of holes that begin in them (behind_runs);
+ * `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + hole's length * holes next
+ * to valid pixels); a block of holes counts as one pixel of this length. Determinism: no kernel reads what it writes.
  */
 #include "lib/pixelspace.h"
 #include "warp/holes.h"
 
 #define SKIP_BLOCK 32
 #define LOOK_EVERY 8 /* after this many steps, a search tests whether it is in a block of holes */
-#define SKIP_BLOCK_EDGE 0.49f /* pixels from the centre of a block's outermost pixel to its edge, rounded down */
+#define SKIP_BLOCK_EDGE 0.49f /* pixels between a block's edge and the centre of its outermost pixel, rounded down */
 #define NARROW_HOLE 0.02f /* fraction of the picture's longer side: shorter holes are narrow, */
 #define WIDE_HOLE 0.035f  /* and longer holes are wide */
 #define OUTWARD 8         /* slopes are measured from a hole's ends outwards, over 1/8 of the hole's length */

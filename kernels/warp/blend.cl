@@ -2,14 +2,14 @@
  * layer's weight is greater, the better its view saw the surface.
  *
  * A layer contributes if it lies no farther behind the nearest layer than the noise of both explains. At a step of its
- * view's surface, a layer may show a rubber sheet: it only counts if no layer shows the surface away from steps.
+ * view's surface (view_edges.h), a layer may show a rubber sheet: there it only counts if all layers show steps.
  * The weight is the product of
  * - resolution: the view's samples per pixel of the picture, at most 1, since more samples do not improve the pixel;
  * - angle between the view's ray and the picture's ray: an error of depth moves a colour aside in proportion to the
- *   angle's sine. The factor is the angle's cosine, divided by 1 + sine^2 / ANGLE_SQUARE: the variance of the colour's
- *   position in units of the variance at angle 0;
+ *   angle's sine. The factor is the angle's cosine, divided by 1 + sine^2 / ANGLE_SQUARE, which is the variance of the
+ *   colour's position in units of the variance at angle 0;
  * - distance to the view's edges (view_edges.cl): a view fades out towards its edges, so no seam is visible there, and
- *   colours that are mixed with another surface count least.
+ *   colours at edges, which may mix two surfaces, count least.
  * (Pajarola, Sainz & Meng 2003, section 4, blend depth meshes with weights of this kind.)
  *
  * Launches: weigh_layer for each layer, once it is drawn; then blend_layers, once for each stack of layers. If there
@@ -21,7 +21,7 @@
  * with 8 bits for each channel, or three planes); with ORIGINS two planes of origins; with GBUFFER 2 three planes of
  * normals. sums: (SUMS, height, pitch) over the layers added so far: sum of weights; weighted means of red, green, blue
  * and depth, which equal a layer's own values to the bit if no other layer contributes; with ORIGINS the greatest
- * weight and the origin in its layer; with GBUFFER 2 the mean normal.
+ * weight and the origin in the layer that has it; with GBUFFER 2 the mean normal.
  * Work-item: STRIP * LANES pixels of a row. Cost: O(pixels) for each layer. Determinism: layers are added in the order
  * of the stack.
  */
@@ -33,7 +33,7 @@
 #include "warp/view_edges.h"
 
 #define ANGLE_SQUARE 0.03f    /* square of the sine of 10 degrees */
-#define AT_SAMPLE 0.01f       /* pixels: a place this close to a sample shows the sample alone */
+#define AT_SAMPLE 0.01f       /* pixels of the view: a place this close to a sample shows the sample alone */
 #define AT_STEP 0.5f          /* a place is at a step if its interpolated byte (view_edges.cl) is at most this */
 #define WEIGHT_MIN 1e-6f      /* least weight of a layer that contributes */
 

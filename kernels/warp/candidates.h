@@ -7,7 +7,7 @@
 #define WINDOWS (CANDIDATES - 1)
 #include "warp/line_hits.h"
 
-#define WIDE_WINDOW 12.0f /* replaces `window` in the second attempt: past a crest, the next slope may be far */
+#define WIDE_WINDOW 12.0f /* replaces `window` when a ray is traced again: past a crest, the next slope may be far */
 
 #define FOLLOWED 256.0f /* target pixels: length of the first window next to an isolated sample */
 

@@ -18,9 +18,9 @@ typedef struct {
 /* Values that are the same in all cells of a line. */
 typedef struct {
     floatl step_u, step_v;   /* 1 or -1: the steps to the next cell */
-    floatl ahead_u, ahead_v; /* offset from a cell's first sample to the column and the row where the line may leave */
-    /* per_...: distance from column to column, row to row, diagonal to diagonal; never_...: INFINITY if the line
-     * crosses no column, no row; otherwise 0 */
+    floatl ahead_u, ahead_v; /* offset from a cell's first sample to the column and the row where lines may leave it */
+    /* per_...: distance on the line from column to column, row to row, diagonal to diagonal; never_u: INFINITY if the
+     * line crosses no column, else 0; never_v: the same for rows */
     floatl per_u, per_v, per_d, never_u, never_v;
     floatl last_x, last_y;   /* the last cell's column and row */
     float lowest;            /* the last row that has a row below */
@@ -40,7 +40,7 @@ typedef struct {
     floatl next_x, next_y;
 } Cell;
 
-/* Snaps a line onto the row, column or diagonal of samples that it follows exactly, except for rounding. */
+/* Snaps lines onto rows, columns or diagonals of samples that they follow within rounding. */
 INLINED void snap(Lines *lines)
 {
     const floatl longest = fmax(lines->length, (floatl)1.0f);

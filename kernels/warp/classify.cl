@@ -1,9 +1,9 @@
 /* Finds why a pixel of the target is a hole, from the part of its ray that the source has seen.
  *
- * A ray is followed along its epipolar line as it recedes. Where the ray is nearer to the source than the surface, the
- * source has seen that space is free. So the pixel shows something beyond the ray's last free place. The region that
- * begins there gives the class: space behind a surface, samples without depth, or the outside of the image. A ray that
- * meets a side of the surface that is not shown ends there; resolve.cl writes the class of its pixel.
+ * A ray is followed along its epipolar line, away from the target. Where the ray is nearer to the source than the
+ * surface, the source has seen that space is free. So the pixel shows something beyond the ray's last free place. The
+ * region that begins there gives the class: space behind a surface, samples without depth, or the outside of the image.
+ * A ray that meets a side of the surface that is not shown ends there; resolve.cl writes the class of its pixel.
  *
  * All pixels of a line (lines.h) share one walk over the columns (or rows) of the source, backwards from the line's
  * end. The first column in which a pixel's ray is free is the ray's last free place. In each column, all rays on one
@@ -11,11 +11,11 @@
  * classifies the next pixel at the interval's end or goes on to the next column. Where depth is missing, only rays
  * nearer than all samples of the source count as free.
  *
- * told: (dst_height, dst_pitch) this view's result: a class, as an int; or, where the line meets the surface although
- * the pixel is a hole, the nearness of this place: then the sample at which the pixel's own ray has this nearness gives
- * the class. The initial value 0 stays where no line passes: at the borders between groups, and at the epipole. LANES
- * more values for each packet follow, for lanes that have no pixel to write. Without parallax there are no lines: the
- * host fills the buffer with some nearness.
+ * told: (dst_height, dst_pitch) this view's result for each pixel: a class, as an int; or, if the line meets the
+ * surface although the pixel is a hole, the target nearness where it does: then the class is that of the sample at
+ * which the pixel's own ray has this nearness. The initial value 0 stays where no line passes: at the borders between
+ * groups of lines, and at the epipole. LANES more values for each packet follow, for lanes that have no pixel to write.
+ * Without parallax there are no lines: the host fills the buffer with some nearness.
  * valid: (dst_height, dst_width). classes: (dst_height, dst_width), classes.h: they already hold the results of
  * resolve.cl and of other views; a hole keeps the least class. nearest: the greatest nearness in the source.
  * Work-item: LANES lines (classify_lines); STRIP * LANES pixels of a row (classify). Cost: O(source samples + target
@@ -46,7 +46,7 @@ OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int pa
 
     floatl steps = select_lanes(line.from > line.to, (floatl)-1.0f, last - first), major = select_lanes(mirrored, first, last), ahead = NO_SURFACE;
     floatl pixel = side > 0.0f ? line.low : line.high;
-    intl after = CLASS_OUTSIDE; /* class of rays whose last free place is this column: the region in the column ahead */
+    intl after = CLASS_OUTSIDE; /* class of rays whose last free place is this column: from the column walked before */
     for (intl there = steps >= 0.0f;; there = steps >= 0.0f) {
         const intl untold = (pixel >= line.low) & (pixel <= line.high);
         if (!any_lane(untold))
@@ -91,7 +91,7 @@ kernel void classify_lines(global const float *surface, global float *told, glob
     tell_packet(grid, told, groups[group_of(groups, group_count, packet)], packet, map, nearest);
 }
 
-/* The classes of pixels, from the source's samples at the places where their rays have a target nearness */
+/* The classes of pixels, from the source's samples where the pixels' rays have the target nearness `near` */
 INLINED intl class_in_place(Grid grid, Rays rays, floatl near)
 {
     const floatl w = rays.w + near * rays.centre.z;

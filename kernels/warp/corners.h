@@ -46,7 +46,7 @@ INLINED Corners corners_of_triangles(Pixels *pixels, Grid grid, PixelMap map, in
     return three;
 }
 
-#define BETWEEN_SAMPLES 2e-3f /* pixels: a margin this close to the middle of two samples may belong to either */
+#define BETWEEN_SAMPLES 2e-3f /* pixels: this close to the middle between two samples, a margin may belong to either */
 
 /* The samples to which hits on margins belong: the nearest sample in the image; half-way between samples, the sample
  * whose nearness is closest to the hit's. */

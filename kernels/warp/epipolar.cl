@@ -1,18 +1,18 @@
 /* The epipolar sweep: the O(n^2) inverse warp (Schaufler & Priglinger 1999, sections 4 and 5).
  *
  * An epipolar plane cuts each of the two images in a line. A line of the source is walked from the epipole outwards, or
- * towards the epipole's antipode. In this order, a ray of the target passes the samples, so the ray sees the first
- * segment (between two samples) that crosses it. The pixels that a connected run of samples has settled form one
- * interval of the target line, and a step of the walk extends this interval at either end. So the number of steps is
- * the sum of samples and pixels, not their product.
+ * towards the epipole's antipode. A ray of the target passes the samples in this order, so it sees the first segment
+ * (between two samples) that crosses it. The pixels to which a connected run of samples has given hits form one
+ * interval of the target line, and a step of the walk goes on to the next sample or extends this interval by a pixel.
+ * So the number of steps is the sum of samples and pixels, not their product.
  *
- * The homogeneous epipoles b (target) and e (source) keep their signs, so that epipole, antipode, infinity and all four
- * walking orders are one case. An epipole (u, v, w) and a pixel give the direction D = pixel * w - (u, v). The source
- * is walked along +D. In the target, a segment that extends its interval along -D shows its front.
+ * The homogeneous epipoles b (target) and e (source) keep their signs, so that lines from an epipole, to an antipode,
+ * or from infinity are one case. An epipole (u, v, w) and a pixel give the direction D = pixel * w - (u, v). The source
+ * is walked along +D. In the target, a segment that extends the interval along -D shows the surface's front.
  *
  * Deviations from the paper: There is not a line for each border pixel, but one for each pixel of the column (or row)
  * farthest from the epipole; where the distance to the epipole halves, every second line ends. A pixel belongs to the
- * nearest line: this is computed, not marked by a flag. No depth test is needed, even where the surface is cut, as a
+ * nearest line, which is computed, not marked by a flag. No depth test is needed, even where the surface is torn, as a
  * pixel keeps its first hit. A hit belongs to a ray on the line, near the pixel; resolve.cl uses it to find the hit of
  * the pixel's own ray.
  *
@@ -21,12 +21,12 @@
  * for each line; lines <= about 2 (width + height).
  * Determinism: a pixel is written by at most one lane.
  *
- * hits: (dst_height, dst_pitch), hits.h. The host fills them with EMPTY, unless ALIGNED without SEGMENT. From index
- * `spare` on, LANES more floats for each work-item take the values of lanes that have no pixel to write. ALIGNED: all
- * lines run along rows or columns of both images (stereo, light fields) and pass through the pixels' centres, so their
- * hits are the pixels' own. There is a line for each row (or column), in order, from the first packet on. A packet of
- * whole lines first writes EMPTY to its lines in `hits`, and in the plane of hits on margins, which begins `plane`
- * floats later (patches.cl; 0: no margins). EDGES: the surface is followed from edge to edge of its triangles
+ * hits: (dst_height, dst_pitch), hits.h. The host fills them with EMPTY, unless ALIGNED is 1 and SEGMENT is 0. From
+ * index `spare` on, LANES more floats for each work-item take the values of lanes that have no pixel to write. ALIGNED:
+ * all lines run along rows or columns of both images (stereo, light fields) and pass through the pixels' centres, so
+ * their hits are the pixels' own. There is a line for each row (or column), in order, from the first packet on. A
+ * packet of whole lines first writes EMPTY to its lines in `hits`, and in the plane of hits on margins, which begins
+ * `plane` floats later (patches.cl; 0: no margins). EDGES: the surface is followed from edge to edge of its triangles
  * (walk_edges.h), which is exact for the line. Without EDGES, aligned lines run from sample to sample (walk_samples.h);
  * other lines run from column to column (or row to row, walk_columns.h), which costs about half as much, but leaves out
  * the surface's corners between the columns.

@@ -3,8 +3,8 @@
  * whose weight is below 1 is partly unknown; pull fills this part from the next coarser level. So narrow holes are
  * filled from close by and wide holes from all around.
  *
- * With HAS_BEHIND, a pixel nearer than the depth behind the surrounding holes weighs less, and so does a pixel that
- * touches a hole as foreground (behind.cl). So a disocclusion is filled from the background, not from the occluding
+ * With HAS_BEHIND, a pixel nearer than the depth behind the surrounding holes weighs less, and so does a foreground
+ * pixel (behind.cl) that touches a hole. So a disocclusion is filled from the background, not from the occluding
  * surface. But no weight is 0: without background in reach, the foreground fills the hole. And a hole next to
  * foreground shows some of it, since a camera's pixel on a silhouette mixes foreground and background.
  *

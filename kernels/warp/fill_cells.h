@@ -30,8 +30,9 @@ INLINED uint edge_bits(global const uchar *valid, int width, int height, int til
 }
 
 /* The weights of 2 x 2 pixels with depths z, row by row; the first is (x, y). All four depend on the farthest depth
- * behind the holes in the 12 x 12 pixels around the block of 4 x 4 that contains them. Each also depends on the holes
- * that touch it: on their greatest falloff, and on the farthest depth behind them where the falloff is above 0. */
+ * behind the holes in the 12 x 12 pixels around their block of 4 x 4. The weight of each pixel also depends on the
+ * holes within BESIDE pixels of it: on the greatest of their falloffs (behind.cl), and on the farthest depth behind
+ * those holes whose falloff is not 0. */
 INLINED float4 pixel_weights(global const uchar *valid, global const float *behind, int width, int height, int pitch,
                              int x, int y, float4 z)
 {
@@ -151,7 +152,7 @@ INLINED float2 open_and_own(global const float *level, int across, int down, int
  * the 3 x 3 cells, n levels coarser, that pixel x depends on. */
 #define BEGIN_ABOVE(x, n) ((((x) + 1) >> (n)) - 1)
 #define PART(x) ((x) & 1 ? 0.25f : 0.75f)
-#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* does cell i lie between the last two of the three cells? */
+#define LATER(i, x) ((i) == 1 ? !((x) & 1) : (i) / 2) /* does cell i lie between the last two coarser cells? */
 
 /* Fills 3 x 3 cells of a level, from (x, y) on, from 3 x 3 cells of the next coarser level. cells: at first the
  * coarser cells' values, then the filled cells' */
@@ -181,7 +182,7 @@ INLINED void pull_around(global const float *level, int across, int down, int si
 INLINED float pulled_plane(global const float *inner, global const float *cells, int across, int down, int p, int x, int y)
 {
     const int tiles = across * down;
-    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled from above */
+    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled, but scaled */
     float filled[9];
     UNROLLED
     for (int i = 0; i < 9; i++)

@@ -51,8 +51,8 @@ void clear_tile(int tile, int tiles, global float *cells)
         cells[p * tiles + tile] = 0.0f;
 }
 
-/* Sets the extra tile after the last one to 0. pull reads it instead of a tile outside of the picture or without a
- * weight. */
+/* Sets the extra tile after the last one to 0. pull reads it instead of tiles outside of the picture and tiles of
+ * weight 0. */
 void clear_last(int tiles, global float *inner)
 {
     for (int i = 0; i < PLANES * INNER_CELLS; i++)
@@ -68,9 +68,9 @@ INLINED int is_zero(float16 values)
 }
 
 /* Reads `behind` for the pixels of a tile. around[i]: in rows 4 i to 4 i + 3, the farthest depth behind the holes in
- * the 12 x 12 pixels around each pixel's block of 4 x 4. falloffs, touching: for each pixel, the greatest falloff of
- * the holes that touch it, and the farthest depth behind them where the falloff is above 0. Holes count only if they
- * are next to a valid pixel of the tile or its halo: behind.cl may have left out others. */
+ * the 12 x 12 pixels around each pixel's block of 4 x 4. falloffs, touching: for each pixel, the greatest falloff
+ * (behind.cl) of the holes that touch it, and the farthest depth behind those whose falloff is not 0. Holes count only
+ * if they are next to a valid pixel of the tile or its halo: behind.cl may have left out others. */
 INLINED void read_behind(global const float *behind, size_t plane, int pitch, const uint *bits, float16 *around,
                          float16 *touching, float16 *falloffs)
 {
@@ -209,8 +209,8 @@ INLINED void push_base_tile(global const float *base, int width, int height, int
 
 /* Interpolates row y of a level between the two nearest rows of the next coarser level; row 0 is above the tile. */
 #define ROW_BETWEEN(above, y) mix((above)[(y) / 2], (above)[(y) / 2 + 1], (y) & 1 ? 0.75f : 0.25f)
-/* Interpolates the cells of this row between the coarser cells: `left` and `right` select each cell's two
- * neighbours. */
+/* Interpolates the cells of this row between the coarser cells: `left` and `right` select the two coarser cells beside
+ * each. */
 #define CELLS_BETWEEN(type, row, left, right, ...) mix((row).left, (row).right, (type)(__VA_ARGS__))
 
 /* The values that push stored for row y of a level, in plane p, and for one more cell on either side of the tile.
@@ -272,7 +272,7 @@ INLINED void pull_first(uint needed, int column, int row, int across, int down, 
         const int is_there = u >= 0 && v >= 0 && u < across && v < down && cells[WEIGHT_PLANE * tiles + where[i]] > 0.0f;
         tile[i] = is_there ? where[i] : tiles;
     }
-    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled from above */
+    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled, but scaled */
     float4 one[WEIGHT_PLANE][3], two[WEIGHT_PLANE][4];
     for (int p = 0; p < WEIGHT_PLANE; p++)
         for (int v = 0; v < 3; v++)

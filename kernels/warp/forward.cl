@@ -3,7 +3,7 @@
  *
  * Launches: the first finds each pixel's greatest nearness; the second, with `by_index`, the least index of a sample
  * with this nearness; the third writes the pixels. keys, indices: (dst_height, dst_width), keys.h. Work-item: a sample;
- * in the third launch, a pixel. Cost: O(samples * size^2), with the squares' side in pixels.
+ * in the third launch, a pixel. Cost: O(samples * size^2), where size is the squares' side in pixels.
  * Determinism: maximum and minimum do not depend on the order of work-items.
  */
 #include "lib/channel.h"

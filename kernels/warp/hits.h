@@ -1,6 +1,6 @@
 #ifndef WARP_HITS_H
 #define WARP_HITS_H
-/* Hits. A pixel's hit is the target nearness of the first surface that its line meets there; EMPTY if there is none.
+/* Hits. A pixel's hit is the target nearness of the first surface met by its line (or ray) at the pixel, or EMPTY.
  *
  * The last bit of the nearness is 1 if the surface turns a side to the target that is not shown: the surface is not
  * drawn there, but hides everything behind it.

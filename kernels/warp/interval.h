@@ -33,8 +33,8 @@ typedef struct {
     floatl first, last; /* a range that contains all pixels of the line's earlier intervals */
 } Interval;
 
-/* A sample of the line, or a place between samples: its source nearness, and its homogeneous target position (p is
- * along the line). */
+/* A sample of the line, or a place between samples: its source nearness, and its homogeneous target position (p: along
+ * the line). */
 typedef struct {
     floatl nearness, p, w, q;
 } Projection;
@@ -89,8 +89,8 @@ INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl 
     const float b_w = map.dst_from_src[11], innermost = 1 << group.levels;
     const floatl at_line = line.start + line.slope * p, c = floor_lanes(at_line + 0.5f);
     const floatl distance = group.distance + group.distance_step * p;
-    /* Where the distance halves, every second line ends: so lines are 1/2 to 1 pixel apart. After the last halving,
-     * they come closer. */
+    /* Where the distance to the epipole halves, every second line ends: so lines are 1/2 to 1 pixel apart; after the
+     * last halving, less. */
     const floatl in_ring = as_floatl(((as_intl(distance) - 1) & 0x007fffff) | 0x3f000000);
     const floatl line_spacing = min_lanes(in_ring, distance * innermost);
     const floatl D_along = (p * b_w - b_along) * group.side, D_across = fabs(c * b_w - b_across);
@@ -108,8 +108,8 @@ INLINED intl owned_pixel(SweepLines line, LineGroup group, PixelMap map, floatl 
 INLINED void extend(Interval *interval, HitWriter *writer, Projection a, Projection b, intl there, intl open,
                     SweepLines line, LineGroup group, PixelMap map)
 {
-    /* A margin for rounding, in pixels: no pixel may belong to two lines, and a segment that begins exactly at a pixel
-     * must settle it, in whichever direction the segment goes on. */
+    /* A tolerance for rounding, in pixels: no pixel may belong to two lines, and a segment that begins exactly at a
+     * pixel must settle it, in whichever direction the segment goes on. */
     const float guard = 5e-7f * (map.dst_width + map.dst_height);
     global float *hits = writer->hits;
 

@@ -6,7 +6,7 @@
 #include "lib/lanes.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: each pixel's origin is kept, too: from the layer with the greatest weight there */
+#define ORIGINS 0 /* 1: each pixel's origin (view, place in its image) is kept, too: the layer's with the most weight */
 #endif
 #define TOLERANCE_MIN 0.02f   /* fraction of the depth: layers that differ by less show one surface */
 #define LAYER_DEVIATIONS 4.0f /* standard deviations: noise explains smaller differences of depth */
@@ -50,8 +50,8 @@ typedef struct {
     int number;
 } BlendedView;
 
-/* The depth by which a layer may be off. unit: scene units; if above 0, it replaces z in the least tolerance, as depths
- * of orthographic views have no origin. */
+/* The tolerated error of a layer's depth. unit: scene units; if above 0, it replaces z in the least tolerance, as
+ * depths of orthographic views have no origin. */
 INLINED floatl depth_tolerance(BlendedView view, float unit, floatl z)
 {
     const floatl noise = LAYER_DEVIATIONS * ((view.noise_2 * z + view.noise_1) * z + view.noise_0);

@@ -22,7 +22,7 @@ typedef struct {
     intl traced; /* mask: trace the pixel's own ray, unless it meets the triangle at the line's hit */
 } Pixels;
 
-/* Finds the places of the hits of pixels x of row y in the source. Returns 1 / w at these places. */
+/* Finds where the hits of pixels x of row y lie in the source. Returns 1 / w at these places. */
 INLINED floatl find_place(Pixels *pixels, PixelMap map, floatl x, int y)
 {
     const float *S = map.src_from_dst;

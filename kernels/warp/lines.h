@@ -23,7 +23,7 @@ typedef struct {
     int low, high;               /* first and last coordinate along */
     int cross_low, cross_high;   /* first and last coordinate across */
     int levels;                  /* how often the distance to the epipole halves within the image */
-    float reference;             /* coordinate along at which lines of level 0 are 1 pixel apart */
+    float reference;             /* coordinate along at which all lines (of all levels) are 1 pixel apart */
     float first, spacing;        /* at the reference: the first line's coordinate across, and the lines' spacing */
     float distance, distance_step; /* distance + distance_step * along: distance to the epipole, 1 at the reference */
     float least;                   /* the lines have no pixels at this distance or less */
@@ -35,7 +35,7 @@ typedef struct {
     floatl low, high;              /* for the coordinates along from low to high */
     intl u_major;                  /* in the source: minor = minor_0 + tilt * major; mask: u is major, else v */
     floatl minor_0, tilt, sign;    /* sign: the walk's direction along the major axis, 1 or -1 */
-    floatl from, to, last_major;   /* the walk's range of major coordinates, none if from > to; the image's last one */
+    floatl from, to, last_major;   /* range of major coordinates to walk, none if from > to; the image's last */
     intl last_minor, stride_major, stride_minor;
     intl first_pixel;              /* ALIGNED: the index of the line's pixel 0 */
 } SweepLines;

@@ -8,8 +8,8 @@
  * A point's depth is only known within its noise. So a point is a piece of its view's ray, and another view must look
  * through both ends and the middle of this piece. The other view's nearest ray must pass within half a sample of the
  * point (in samples of the point's view), since coarse views do not show details. The ray must be known to meet
- * nothing, or to meet its surface behind the point, by more than noise and a fraction of a sample explain. Objects one
- * sample thin consist of margins alone, so their margins stay.
+ * nothing, or must meet the other view's surface farther behind the point than noise and a fraction of a sample
+ * explain. Objects one sample thin consist of margins alone, so their margins stay.
  *
  * points: (POINT_PLANES, pitch), one point per column; a view's columns are adjacent. seen: (pitch,) 1 if another view
  * has looked through the point. surface: picture/edges.cl; nearness: picture/nearness.cl, with the same pitch.
@@ -30,7 +30,7 @@
 #define POINT_PLANES 8
 
 #define POINT_ASIDE 0.3f /* samples from a margin's sample to its point, which is slightly beyond the margin's middle */
-#define OWN_DEVIATIONS 4.0f  /* half the length of a point's piece, in standard deviations of the noise */
+#define OWN_DEVIATIONS 4.0f  /* half the length of a point's piece of ray, in standard deviations of the noise */
 #define SEEN_DEVIATIONS 6.0f /* a point must lie in front of a surface by more than this many deviations, */
 #define SURFACE_TOLERANCE 0.2f /* and by more than this fraction of a sample, since surfaces bend between samples */
 
@@ -173,7 +173,7 @@ kernel void list_margins(global const float *surface, SetView view, global const
     }
 }
 
-/* The mask of points p that a view's nearest ray passes within `reach`, and behind which it goes on */
+/* The mask of points p that a view looks through: its nearest ray passes p within `reach`, and goes on behind p */
 INLINED intl looks_beyond(Grid grid, SetView view, global const float *nearness, Vector p, floatl reach)
 {
     const float *m = view.pixel_from_world;
@@ -224,7 +224,7 @@ kernel void look_through(global const float *points, global uchar *seen, global 
             const Vector p = {a * ends[0].x + b * ends[1].x, a * ends[0].y + b * ends[1].y, a * ends[0].z + b * ends[1].z};
             through = through & looks_beyond(grid, view, nearness, p, reach);
             if (!any_lane((ends[0].x != ends[1].x) | (ends[0].y != ends[1].y) | (ends[0].z != ends[1].z)))
-                break; /* exact depth */
+                break; /* without noise, the parts are one point */
         }
         for (uint left = lane_bits(through); left; left = WITHOUT_LOWEST(left))
             seen[i + LOWEST(left)] = 1;

@@ -1,23 +1,23 @@
 /* Draws small patches of planes: margins, which no triangle covers, and triangles that the sweep's lines may miss.
  *
- * Margins (lib/margins.h) are met by the pixels' own rays, not by the sweep's lines. Their hits are stored in a second
- * plane of the buffer.
+ * Margins (lib/margins.h) are met by the pixels' own rays, not by the sweep's lines. Hits on margins are stored in a
+ * second plane of `hits`.
  *
  * Lines pass within half a pixel of the pixels that they settle, and resolve.cl looks for a pixel's surface only around
  * the hits of its line and of its neighbours' lines. A narrow piece of surface may lie between the lines. In the
  * source, the samples of such a piece are isolated in their row or their column: on both sides, within two samples, the
- * surface is torn or falls back. A fall only counts across the epipolar lines, on an even surface, if noise does not
- * explain it and if it moves the samples LONE_BY pixels apart in the target. (On a rough surface every sample stands
- * out, and the lines meet enough of them.) The triangles around isolated samples are drawn into the lines' hits.
+ * surface is torn or falls back. A fall only counts if it runs across the epipolar lines on an even surface, exceeds
+ * the noise, and moves the samples LONE_BY pixels apart in the target. (On a rough surface every sample stands out, and
+ * the lines meet enough of them.) The triangles around isolated samples are drawn into the lines' hits.
  *
  * surface: picture/edges.cl. prominence: picture/small_parts.cl. margins: (MARGIN_PLANES, margin_pitch), lib/margins.h;
  * count: their number.
  * hits: (dst_height, dst_pitch) of epipolar.cl, hits.h; the nearest hit of each pixel stays. The plane of hits on
  * margins begins `plane` values later and is EMPTY at first; a side that is not shown blocks the view. least:
- * prominence, a difference of nearness, below which no sample moves by LONE_BY pixels in the target.
- * Work-item: STRIP * PROMINENCE_BLOCK cells of a row (the first `lone_items` work-items); STRIP * LANES margins.
- * Cost: O(samples + margins + drawn pixels). Determinism: maxima and set bits do not depend on the order of work-items.
- * In the paper there are no patches: all samples are connected, and pixels take the hits of their lines.
+ * the prominence (lib/prominence.h) below which no sample moves by LONE_BY pixels in the target.
+ * Work-item: STRIP * PROMINENCE_BLOCK cells of a row (the first `lone_items` work-items); STRIP * LANES margins (the
+ * others). Cost: O(samples + margins + drawn pixels). Determinism: maxima and set bits do not depend on the order of
+ * work-items. In the paper there are no patches: all samples are connected, and pixels take the hits of their lines.
  */
 #include "lib/margins.h"
 #include "lib/prominence.h"
@@ -55,8 +55,7 @@ INLINED Seen seen_at(PixelMap map, floatl x, floatl y, floatl n)
     return seen;
 }
 
-/* Widens [*low, *high] to contain the columns of the edges from a to b where these are within `hair` pixels of the
- * rows. */
+/* Widens [*low, *high] to contain the columns at which the edges from a to b are within `hair` pixels of the rows. */
 INLINED void widen(Seen a, Seen b, floatl row, floatl hair, floatl *low, floatl *high)
 {
     const intl passes = (row >= min_lanes(a.v, b.v) - hair) & (row <= max_lanes(a.v, b.v) + hair);
@@ -86,7 +85,7 @@ INLINED void put_hits(intl meet, floatl column, floatl row, floatl packed, Pixel
         put_nearest(hits + int_lane(pixel, LOWEST(left)), int_lane(bits, LOWEST(left)));
 }
 
-/* Draws the wanted patches, each with four corners. On triangles, each hit is marked as one of the pixel's own ray
+/* Draws the wanted patches, each with four corners. Hits on triangles are marked as hits of the pixels' own rays
  * (OWN_RAY); hits on margins need no mark. */
 OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wanted, Grid grid, PixelMap map, int sides,
                           int are_margins, global float *hits)
@@ -133,7 +132,7 @@ OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wan
     }
 }
 
-/* Draws the `wanted` of LANES margins. */
+/* Draws those of LANES margins that are in the mask `wanted`. */
 OUTLINED void draw_margins(global const float *margins, int pitch, intl wanted, Grid grid, PixelMap map, int sides,
                            global float *hits)
 {
@@ -166,9 +165,9 @@ OUTLINED intl lone_samples(Grid grid, PixelMap map, int x, int y, int sides)
     const floatl moves_x = D[3] - D[11] * (MAP_ROW(D, 0, u, v, n.here) * inverse),
                  moves_y = D[7] - D[11] * (MAP_ROW(D, 1, u, v, n.here) * inverse);
     const floatl by = LONE_BY * w / max_lanes(fabs(moves_x), fabs(moves_y));
-    const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* does the epipolar line? */
+    const intl along_rows = fabs(u * S[11] - S[3]) >= fabs(v * S[11] - S[7]); /* mask for the epipolar lines */
     const Sides all = sides_of(n);
-    /* The surface is even if only one of the four sides is not: another isolated sample or an edge may lie there. */
+    /* The surface is even if at most one of the four sides is uneven: another isolated sample may lie there. */
     const intl is_even = ONE_OF(all.left.change > by) + ONE_OF(all.right.change > by) + ONE_OF(all.above.change > by) +
                              ONE_OF(all.below.change > by) <= 1;
     intl lone = 0;
@@ -255,7 +254,7 @@ INLINED void add_triangles(LonePacket *triangles, int x, int y, int to, intl wan
                            global float *hits)
 {
     for (uint left = lane_bits(wanted); left; left = WITHOUT_LOWEST(left)) {
-        const int i = LANES == 1 ? 0 : triangles->count; /* GPUs keep it in registers */
+        const int i = LANES == 1 ? 0 : triangles->count; /* GPUs keep the arrays in registers */
         triangles->x[i] = x + LOWEST(left);
         triangles->y[i] = y;
         triangles->to[i] = to;

@@ -1,20 +1,20 @@
 #ifndef WARP_PIXEL_WEIGHTS_H
 #define WARP_PIXEL_WEIGHTS_H
-/* The weight of a pixel next to holes, and a hole's fraction of foreground (fill.cl), from the depth behind holes. */
+/* The weight of a pixel next to holes, and a hole's fraction of foreground (fill.cl), from behind.cl's results. */
 #include "lib/channel.h"
 #include "warp/pyramid.h"
 
 #define RIM_PART 0.2f         /* the greatest fraction of foreground in a hole next to foreground */
 #define BESIDE 1              /* pixels: only valid pixels this close to a hole have a weight */
 #define PIXEL_WEIGHT_MIN 1e-6f /* the least weight of these pixels */
-#define RATIO_FLOOR 1e-3f     /* smaller powers of the ratio of depths count as 0: half the depth leaves no trace */
+#define RATIO_FLOOR 1e-3f     /* if the 12th power of z / around is less, it counts as 0, as at half the depth */
 
 #if HAS_BEHIND
 /* The fraction of foreground in a pixel of depth z next to a hole */
 #define FOREGROUND(z, far, falloff) clamp((falloff) * ((far) - (z)), 0.0f, 1.0f)
 
-/* The weights of pixels with depths z, one for each lane. around: the farthest depth behind the holes around; touching,
- * falloffs: the farthest depth behind the holes that touch the pixel, and their greatest falloff */
+/* The weights of pixels with depths z, one for each lane. around: the farthest depth behind the holes near the pixel;
+ * touching, falloffs: the farthest depth behind the holes that touch the pixel, and their greatest falloff */
 INLINED floatl weights_of(floatl z, floatl around, floatl touching, floatl falloffs)
 {
     floatl ratio = around > z ? z / around : (floatl)1.0f;
@@ -28,8 +28,8 @@ INLINED floatl weights_of(floatl z, floatl around, floatl touching, floatl fallo
 #endif
 
 #if HAS_BEHIND && CHANNELS == 3
-/* Writes the colour of the hole (x, y): its filled colour `own`, mixed with adjacent foreground pixels of its row and
- * column by a fraction of at most RIM_PART. */
+/* Writes the colour of the hole (x, y): its filled colour `own`, mixed with the colour of foreground pixels next to it
+ * in its row and column. This colour's part is at most RIM_PART. */
 void show_rim(global channel *color, global const float *depth, global const uchar *valid, global const float *behind,
               int width, int height, int pitch, int x, int y, float4 own)
 {

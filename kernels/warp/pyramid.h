@@ -3,8 +3,8 @@
 /* The pyramid of push and pull (fill.cl): weighted means of pixels, level by level.
  *
  * A tile of TILE x TILE pixels becomes one cell of a level that is TILE times as coarse. TILE x TILE of these cells
- * form a tile again, until a single tile is left. Within a tile, there are three levels between, with 8, 4 and 2 cells
- * a side.
+ * form a tile again, until a single tile is left. Between its pixels and its cell, a tile has three levels, with 8, 4
+ * and 2 cells a side.
  *
  * A cell has PLANES values: colour and nearness, each times the cell's weight, and this weight, at most 1. (Nearness is
  * averaged instead of depth, since it is linear on planes.) base: (PLANES, height, width), the cells that form the
@@ -12,9 +12,9 @@
  * inner: the three levels of each tile, PLANES * INNER_CELLS values, undefined in tiles of weight 0; then one more tile
  * of zeros.
  *
- * Small weights must not add up along a long edge: otherwise more foreground would leak in finer pictures. With
- * HAS_BEHIND, when four cells become one, nearer cells get less weight. A cell's factor is the ratio of its depth to
- * the farthest of the four depths, to the power of 16 s, at most 64, where s is the cells' side in cells of the base.
+ * Small weights must not add up along a long edge: otherwise more foreground would leak into the holes of finer
+ * pictures. With HAS_BEHIND, when four cells become one, nearer cells get less weight. A cell's factor is the ratio of
+ * its depth to the farthest of the four depths, to the power of 16 s, at most 64, where s is the cells' side in pixels.
  * So large cells fill wide holes with the farthest surface: the wider a disocclusion is, the farther its surface lies
  * behind the occluding one, and the middle of the hole shows the wall, not the floor in front. But the factor is at
  * least 0.3: otherwise, in wide holes, a few samples that are far by noise would decide alone, and the hole would

@@ -9,13 +9,13 @@
  * all.
  *
  * hits: (dst_height, dst_pitch) of epipolar.cl or search.cl, hits.h. hit_kind: the rays to which the hits belong,
- * HITS_... in line_hits.h. plane: the plane of hits on margins (patches.cl) begins this many values later, and the
- * nearer of a pixel's two hits counts; 0: there are no margins.
+ * HITS_... in line_hits.h. plane: hits on margins (patches.cl) begin this many values later than `hits`, and the nearer
+ * of a pixel's two hits counts; 0: there are no margins.
  * depth, color, valid: (dst_height, dst_width). merge: 1 if pixels that already show something nearer stay. density:
  * source pixels per target pixel, >= 1. neighbour_offset: half the side of a sample in target pixels, >= 1: a surface
- * may extend this far beyond the lines' hits. typical: a nearness of the view's surface in the target. rough: second
- * difference of neighbouring hits, in source pixels, from which on a surface is rough. window: source pixels that are
- * traced to either side of a hit.
+ * may extend this far beyond the lines' hits. typical: a nearness of the view's surface in the target. rough: a surface
+ * is rough if its neighbouring hits have at least this second difference, in target pixels. window: target pixels that
+ * are traced to either side of a hit.
  * With ORIGINS: source: (dst_height, dst_width, 2) u and v in the samples' grid, NaN in holes; source_view:
  * (dst_height, dst_width) the index of the view, -1 in holes. With ORIGINS 2: classes: (dst_height, dst_width),
  * classes.h: becomes CLASS_HIDDEN where the ray meets a side of the surface that is not shown.

@@ -1,11 +1,11 @@
 /* Finds the colours of a depth image's samples in the picture of another camera, where that camera sees them.
  *
  * A sample is hidden if its pixel in the picture shows a nearer point of another surface. To tell whether sample and
- * point lie on one surface, their ray is walked in the depth image from one to the other. They lie on different
- * surfaces if the ray passes an opening of the surface, or runs behind it by more than noise explains. A ray that
- * grazes a noisy or slanted surface does neither. If the pixel shows nothing, the sample is hidden if its surface turns
- * its back to the camera. A colour is interpolated from four pixels, without those that show another surface. The other
- * camera is a pinhole whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's pixels.
+ * point lie on one surface, the ray through both is walked in the depth image. They lie on different surfaces if the
+ * ray passes an opening of the surface, or runs behind it by more than noise explains. A ray that grazes a noisy or
+ * slanted surface does neither. A sample whose pixel shows nothing is hidden if its surface turns its back to the
+ * camera. A colour is interpolated from four pixels, without those that show another surface. The other camera is a
+ * pinhole whose pixels a lens may move (lib/lens.h): `map` leads to the pinhole's pixels.
  * places: with HAS_PLACES, (2, height, pitch) the samples' positions u and v in the source image, NaN for none. depth:
  * (height, width) of the samples, planar z; not finite, <= NEAREST or >= far means no depth. nearness: (src_height,
  * src_pitch) of the source image. shown, color: (dst_height, dst_width) the depth that the other camera sees, NaN for
@@ -25,7 +25,7 @@
 #define SAME_SURFACE 1.0f    /* samples of the source: points at most this far apart count as points of one surface */
 #define RELATIVE_TOLERANCE 1e-3f    /* a ray is behind a surface if its nearness is less by more than this fraction, */
 #define OCCLUSION_DEVIATIONS 5.0f   /* plus this many standard deviations of the noise */
-#define SLOPE_STEP 2          /* samples on each side over which a slope is measured; then over three times as many */
+#define SLOPE_STEP 2          /* samples on each side over which slopes are measured, first; then three times as many */
 #define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise in the depths from which slopes are computed */
 
 /* Does the Cut tear depths a <= b apart? Gives the same result as IS_OPEN, without divisions; false for NaN. */
@@ -41,8 +41,8 @@ typedef struct {
     floatl u, v, q; /* pixel, and nearness */
 } Point;
 
-/* The source's nearness at (u, v): interpolated if the four samples around lie on one surface, else of the nearest
- * one */
+/* The source's nearness at (u, v): interpolated if the four samples around lie on one surface, else the nearest
+ * one's */
 INLINED floatl nearness_around(global const float *nearness, PixelMap map, Cut cut, floatl u, floatl v)
 {
     const Taps taps = clamped_taps(map.src_width, map.src_height, u, v);
@@ -79,7 +79,7 @@ INLINED intl is_occluded(global const float *nearness, PixelMap map, Cut cut, No
     return hidden;
 }
 
-/* The determinant of the matrix of a point and columns i and j of the map m */
+/* The determinant of the 3 x 3 matrix with these columns: a point p, and columns i and j of the map m */
 #define ORIENTATION(m, p, i, j)                                                                                \
     ((p)[0] * ((m)[4 + (i)] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[4 + (j)]) -                                    \
      (p)[1] * ((m)[i] * (m)[8 + (j)] - (m)[8 + (i)] * (m)[j]) + (p)[2] * ((m)[i] * (m)[4 + (j)] - (m)[4 + (i)] * (m)[j]))
@@ -160,7 +160,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     }
     const floatl z_there = NEAREST_TAP(taps, around);
     const intl none = active & !(z_there == z_there), torn_there = NEAREST_TAP(taps, torn);
-    /* Is the shown surface nearer than the sample, other than by a slope that contains the sample? */
+    /* Is the shown surface nearer? Not if it is the sample's, and one of its four pixels is as far as the sample. */
     const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
     const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));
     intl is_seen = active;

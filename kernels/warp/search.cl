@@ -9,7 +9,7 @@
 #include "warp/hits.h"
 #include "warp/trace.h"
 
-/* The hits of the rays of LANES pixels of row y, from x on. Adds to `cells` the number that the slowest lane visits. */
+/* The hits of the rays of LANES pixels of row y, from x on. Adds to `cells` how many the slowest lane visits. */
 OUTLINED floatl search_packet(Grid grid, PixelMap map, int sides, int x, int y, int high_x, uint *cells)
 {
     const Rays rays = rays_of(map, to_floatl(x + lane_index), (floatl)y);

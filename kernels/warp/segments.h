@@ -6,7 +6,7 @@
 #include "lib/bounds.h"
 #include "warp/interval.h"
 
-#define BLOCK_STEPS (BOUNDS_STEP - 1) /* so many steps of a line, with all of their ends, lie in one window */
+#define BLOCK_STEPS (BOUNDS_STEP - 1) /* so many steps of a line, with their ends, lie in one window of lib/bounds.h */
 #define NEAR_PIXEL 0.05f              /* pixels: by rounding, a pixel may show a surface that ends this far from it */
 
 #if LANES == 1 /* with more lanes, whole lines are walked */

@@ -2,10 +2,10 @@
  *
  * Launches: the first finds at each pixel the greatest nearness of a ribbon; the second, the least number of a ribbon
  * with this nearness; the third writes the pixels where a ribbon is nearer than the picture or the picture is empty. A
- * ribbon is also drawn behind a surface whose visible side is not shown. keys, indices: (dst_height, dst_width),
- * keys.h. ribbons: (count,) numbers of the view's ribbons (picture/ribbons.cl). source, source_view: as in resolve.cl.
- * Work-item: a ribbon; in the third launch, STRIP * LANES pixels of a row. Cost: O(pixels + pixels of ribbons).
- * Determinism: maximum and minimum do not depend on the order of work-items.
+ * ribbon is also drawn behind a surface that turns a side to the target that is not shown. keys, indices: (dst_height,
+ * dst_width), keys.h. ribbons: (count,) numbers of the view's ribbons (picture/ribbons.cl). source, source_view: as in
+ * resolve.cl. Work-item: a ribbon; in the third launch, STRIP * LANES pixels of a row. Cost: O(pixels + pixels of
+ * ribbons). Determinism: maximum and minimum do not depend on the order of work-items.
  * In the paper there are no ribbons, as all samples are connected.
  */
 #include "lib/channel.h"
@@ -21,11 +21,11 @@
 #define NO_RIBBON 0xFFFFFFFFu
 #define END_BIAS 1024u /* units of the key's last bit: subtracted on the half squares beyond a ribbon's samples, so that
                            a surface that goes on there in the same plane shows its own colours */
-#define NEARER 1e-6f /* fraction of the depth, for rounding: at its samples, a ribbon is as near as the surface */
+#define NEARER 1e-6f /* fraction of the depth by which a ribbon must be nearer: at samples, surfaces are as near */
 
 /* A ribbon is the area that a square covers as it moves. [*low, *high] is the part of the motion, 0 to 1, during which
- * the square covers a point; it is narrowed by one axis. p: the point's offset from the first square's middle; d: the
- * motion */
+ * the square covers a point; this function narrows it by the offset along one axis. p: the point's offset from the
+ * first square's middle; d: the motion */
 void narrow_sweep(float p, float d, float *low, float *high)
 {
     if (fabs(d) > 1e-6f) {

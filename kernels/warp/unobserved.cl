@@ -1,4 +1,4 @@
-/* Fills holes with colours of the source image at samples without depth: the hole's filled depth gives its place in the
+/* Fills holes with the colours of the source's samples without depth. A hole's filled depth gives its place in the
  * source.
  *
  * A black sample without depth is left out: images of registered cameras, and frames with holes, are black where a

@@ -1,5 +1,5 @@
 /* Finds the distance of each of a view's samples from the edges of the view's surface. When several views are blended
- * (blend.cl), it gives the sample's weight.
+ * (blend.cl), the sample's weight depends on this distance.
  *
  * A sample's byte is 0 at a step, where the surface goes on so steeply that it may be a rubber sheet. Otherwise it is
  * 1 + STEPS d, where d is the distance in samples, at most FEATHER, to the nearest step or end of the surface (a hole,

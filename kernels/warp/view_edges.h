@@ -7,7 +7,7 @@
 #define STEPS 4            /* number by which a byte grows per sample of distance */
 #define FAR_FROM_EDGES 33  /* 1 + STEPS * FEATHER */
 #define DISTANCE_BITS 63   /* bits of a byte that store the distance; a sample's own byte also has these bits: */
-#define LOWER_OPEN 64      /* the triangles of the sample's cell are open */
+#define LOWER_OPEN 64      /* the lower triangle of the sample's cell is open; next bit: the upper */
 #define UPPER_OPEN 128
 #define EDGE_DEVIATIONS 8.0f /* standard deviations of the noise: smaller differences of depth are no step */
 #define STEEP 11.0f    /* slope of a surface at 5 degrees to its rays: a steeper one is a step */

@@ -19,10 +19,10 @@ typedef struct {
     Column from, to;
     floatl begins, ends; /* part of the step that lies on the line: 0 to 1, except in a line's first and last step */
     floatl passed;                 /* the row that is crossed; 1: the cell's last, -1: its first, 0: none */
-    floatl beyond_from, beyond_to; /* if a row is crossed: the samples of the two cells that `from` and `to` lack */
+    floatl beyond_from, beyond_to; /* if a row is crossed: nearness of each column's third sample (`from`, `to`: two) */
     floatl slope;                  /* rows per column */
     intl mirrored, transposed;     /* masks: columns and rows are both mirrored; columns and rows are swapped */
-    intl along, edge;              /* if lines run along edges: these edges' TORN_... bit, and this bit on the step */
+    intl along, edge;              /* if lines run along edges: their TORN_... bit; mask: this step's edge has it */
 } Step;
 
 /* The triangles that lines pass on a step, in order, two in each cell. */

@@ -11,7 +11,7 @@ INLINED uint walk_samples(Grid grid, SweepLines line, LineGroup group, PixelMap 
     const floatl first = floor_lanes(line.from), last = min_lanes(ceil_lanes(line.to), line.last_major + 1.0f);
     const intl steps = select_lanes((line.low <= line.high) & (line.from <= line.to), to_intl(last - first), (intl)-1);
     const Targets targets = targets_along(map, line);
-    const intl row = clamp(to_intl(line.minor_0), (intl)0, line.last_minor) * line.stride_minor; /* it may be outside */
+    const intl row = clamp(to_intl(line.minor_0), (intl)0, line.last_minor) * line.stride_minor; /* may lie outside */
     Interval interval = nothing_settled(line);
     floatl major = select_lanes(line.sign > 0.0f, first, last);
     const intl rises = line.sign > 0.0f;
