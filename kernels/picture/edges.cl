@@ -8,11 +8,10 @@
  * the mean slope over this sample and the next two of one surface is only half of its rise to the other. Noise and the
  * steps of a quantized scale are not edges. If a pair in a row or column fails this test, the mean of the slopes on one
  * side of it, taken from its own and the two adjacent rows (or columns), is tried, because it has less noise. A Cut
- * (lib/surface.h) may replace the test; or pairs are torn apart only if both tear them.
+ * (lib/surface.h) may replace the test; or pairs are torn apart only if test and Cut both tear them.
  *
  * A sample covers its pixel. So a ring of further samples surrounds the image; each lies on the straight line through
- * the two nearest samples inside. With the ring, the surface extends to the edges of the image's pixels
- * (lib/surface.h).
+ * the two nearest samples inside. With the ring, the surface extends to the edges of the image's pixels.
  *
  * nearness: (height, pitch) of picture/nearness.cl. noise: picture/noise.cl. surface: (height + 2, pitch) nearness
  * with the ring. The last bits of each sample store which of its edges are torn (TORN_..., lib/surface.h), which
@@ -40,7 +39,7 @@ INLINED floatl image_samples(Image image, intl x, intl y)
 #define KEEP_GROWTH 0.1f   /* fraction by which a surface's slope may grow from pair to pair; at edges, it grows more */
 #define BEND_GROWTH 0.6f   /* the same if the other side is steep or ends: a sphere's last slopes grow by under half */
 #define STEEP_TIMES 4.0f   /* a pair's other side is steep if the pair rises by at most this many times its slope */
-#define SAME_TIMES 2.05f   /* a pair may rise by this many times the smaller slope of both sides: steps may double it */
+#define SAME_TIMES 2.05f   /* a rise may be this many times the smaller slope of the sides: quantization may double it */
 #define LEAST_RISE 0.05f   /* fraction of the slope on one side: if a pair rises by less, that side has a step */
 
 /* Slopes on one side of a pair, positive if nearness changes there in the same direction as within the pair. `nearest`:

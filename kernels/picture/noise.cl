@@ -34,7 +34,7 @@ typedef struct {
     int nearest, known, smooth, high, farthest, last, changes, steep, whole, below, near_one, ones, gaps, whole_gaps,
         grade, half_steps;
     int stairs_of[NOISE_ITEMS], steep_of[NOISE_ITEMS]; /* counts of each work-item */
-    int kept, grades[NOISE_RANGES];                    /* grades of ranges: 0: unusable, 1: good, 2: good and smooth */
+    int kept, grades[NOISE_RANGES];                    /* ranges' grades: 0: few cells, 1: good, 2: also few edges */
     float near_by[NOISE_RANGES], far_by[NOISE_RANGES]; /* deviation of differences over 1 sample, over 2 samples */
     float depth[NOISE_RANGES], deviation[NOISE_RANGES], share[NOISE_RANGES]; /* the fit's data and weights */
     float fits[7][4];                                                        /* a, b, c, and the fit's error */

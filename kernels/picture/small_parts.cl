@@ -24,7 +24,7 @@ typedef struct {
     intl torn_left, torn_right, torn_above, torn_below;
 } Around;
 
-/* For each quarter of a pixel (number: sum of its TO_... bits): masks of samples with a margin in either triangle */
+/* For each quarter of a pixel (number: sum of TO_... bits): samples with a margin in the lower, upper triangle */
 typedef struct {
     intl lower[4], upper[4];
 } Parts;

@@ -10,8 +10,8 @@
  * The search for an end moves by one pixel at a time along the line's longer axis, and reads the nearest pixel. Lines
  * along rows, columns or diagonals pass through the same pixels for each hole on them, so the holes between two ends
  * are written together (behind_runs). For other directions, each hole pixel searches for its own two ends and crosses
- * blocks of holes in large steps (behind_lines). Only holes next to valid pixels or at the border do so, since fill.cl
- * needs no others.
+ * blocks of holes in large steps (behind_lines). Only holes next to valid pixels or at the border search, since fill.cl
+ * reads no others.
  *
  * depth, valid: (height, width). behind: holes.h, written in holes alone. Its first plane is the depth behind the
  * holes, 0 if neither direction of the line leads to a valid pixel. The second plane is the falloff, per unit of depth:
@@ -32,8 +32,8 @@
 #define NARROW_HOLE 0.02f /* fraction of the picture's longer side: shorter holes are narrow, */
 #define WIDE_HOLE 0.035f  /* and longer holes are wide */
 #define OUTWARD 8         /* slopes are measured from a hole's ends outwards, over 1/8 of the hole's length */
-#define FLAT 0.05f    /* flat surfaces, continued across the hole, change by less than this part of the gap, */
-#define SLOPING 0.15f /* and sloping surfaces by more than this part. The gap is the ends' difference of nearness. */
+#define FLAT 0.05f    /* fraction of the ends' difference of nearness: across the hole, flat surfaces change by less, */
+#define SLOPING 0.15f /* and sloping surfaces change by more than this fraction */
 
 /* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {

@@ -26,7 +26,7 @@ typedef struct {
     float lowest;            /* the last row that has a row below */
     intl edges;              /* TORN_... bits of the edges that the line sees: all, or the edges that it runs along */
     intl lower_first;        /* the line passes a cell's lower triangle before its upper one */
-    int collapsed; /* some lines run along edges, onto which their cells are collapsed */
+    int collapsed; /* 1: some lines run along edges; their cells are collapsed onto these edges */
 } Traversal;
 
 typedef struct {

@@ -24,12 +24,12 @@
  * hits: (dst_height, dst_pitch), hits.h. The host fills them with EMPTY, unless ALIGNED is 1 and SEGMENT is 0. From
  * index `spare` on, LANES more floats for each work-item take the values of lanes that have no pixel to write. ALIGNED:
  * all lines run along rows or columns of both images (stereo, light fields) and pass through the pixels' centres, so
- * their hits are the pixels' own. There is a line for each row (or column), in order, from the first packet on. A
- * packet of whole lines first writes EMPTY to its lines in `hits`, and in the plane of hits on margins, which begins
- * `plane` floats later (patches.cl; 0: no margins). EDGES: the surface is followed from edge to edge of its triangles
- * (walk_edges.h), which is exact for the line. Without EDGES, aligned lines run from sample to sample (walk_samples.h);
- * other lines run from column to column (or row to row, walk_columns.h), which costs about half as much, but leaves out
- * the surface's corners between the columns.
+ * their hits are the pixels' own. The packets hold a line for each row (or column), in order. A packet of whole lines
+ * first writes EMPTY to its lines in `hits`, and in the plane of hits on margins, which begins `plane` floats later
+ * (patches.cl; 0: no margins). EDGES: the surface is followed from edge to edge of its triangles (walk_edges.h), which
+ * is exact for the line. Without EDGES, aligned lines run from sample to sample (walk_samples.h); other lines run from
+ * column to column (or row to row, walk_columns.h), which costs about half as much, but leaves out the surface's
+ * corners between the columns.
  */
 #include "warp/interval.h"
 #if SEGMENT
@@ -47,7 +47,7 @@
 #endif
 
 #if ALIGNED && !SEGMENT
-/* Writes EMPTY to the rows (or columns) of a packet, which begin with number `first`. */
+/* Writes EMPTY to the rows (or columns) of a packet, from number `first` on. */
 INLINED void clear_lines(global float *hits, int first, int along, PixelMap map)
 {
     const int rows = along ? map.dst_height : min(LANES, map.dst_height - first), columns = along ? 1 : map.dst_width;

@@ -182,7 +182,7 @@ INLINED void pull_around(global const float *level, int across, int down, int si
 INLINED float pulled_plane(global const float *inner, global const float *cells, int across, int down, int p, int x, int y)
 {
     const int tiles = across * down;
-    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled, but scaled */
+    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell gets weight 1 */
     float filled[9];
     UNROLLED
     for (int i = 0; i < 9; i++)

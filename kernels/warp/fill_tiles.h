@@ -272,7 +272,7 @@ INLINED void pull_first(uint needed, int column, int row, int across, int down, 
         const int is_there = u >= 0 && v >= 0 && u < across && v < down && cells[WEIGHT_PLANE * tiles + where[i]] > 0.0f;
         tile[i] = is_there ? where[i] : tiles;
     }
-    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell is not filled, but scaled */
+    const float top = tiles == 1 ? 1.0f / cells[WEIGHT_PLANE] : 1.0f; /* a single cell gets weight 1 */
     float4 one[WEIGHT_PLANE][3], two[WEIGHT_PLANE][4];
     for (int p = 0; p < WEIGHT_PLANE; p++)
         for (int v = 0; v < 3; v++)

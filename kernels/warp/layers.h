@@ -6,7 +6,7 @@
 #include "lib/lanes.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: each pixel's origin (view, place in its image) is kept, too: the layer's with the most weight */
+#define ORIGINS 0 /* 1: pixels' origins (view, place in its image) are kept: from the layer with the greatest weight */
 #endif
 #define TOLERANCE_MIN 0.02f   /* fraction of the depth: layers that differ by less show one surface */
 #define LAYER_DEVIATIONS 4.0f /* standard deviations: noise explains smaller differences of depth */

@@ -18,7 +18,7 @@
 typedef struct {
     int axis;                    /* the axis along; 0: x, 1: y */
     int side;                    /* side of the epipole: the sign of D (epipolar.cl) along the axis */
-    int first_packet;            /* the group's first work-item */
+    int first_packet;            /* number of the group's first packet of lines */
     int count;                   /* number of lines */
     int low, high;               /* first and last coordinate along */
     int cross_low, cross_high;   /* first and last coordinate across */
@@ -26,7 +26,7 @@ typedef struct {
     float reference;             /* coordinate along at which all lines (of all levels) are 1 pixel apart */
     float first, spacing;        /* at the reference: the first line's coordinate across, and the lines' spacing */
     float distance, distance_step; /* distance + distance_step * along: distance to the epipole, 1 at the reference */
-    float least;                   /* the lines have no pixels at this distance or less */
+    float least;                   /* no pixel at this distance from the epipole or less belongs to the lines */
 } LineGroup;
 
 typedef struct {

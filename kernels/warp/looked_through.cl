@@ -242,7 +242,7 @@ kernel void tear_bridges(global const float *points, global const uchar *seen, g
     atomic_or((volatile global int *)surface + bridge / (TORN_ALL + 1), bridge & TORN_ALL);
 }
 
-/* Copies a view's margins, except those looked through. count: number of margins; start: the first one's column in
+/* Copies a view's margins, except those looked through. count: number of margins; start: the first margin's index in
  * `seen`; kept_count: the number of copied margins, initially 0 */
 kernel void keep_margins(global const float *margins, global const uchar *seen, global float *kept, global int *kept_count,
                          int count, int pitch, int kept_pitch, int start, int share)

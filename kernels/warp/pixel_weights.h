@@ -10,7 +10,7 @@
 #define RATIO_FLOOR 1e-3f     /* if the 12th power of z / around is less, it counts as 0, as at half the depth */
 
 #if HAS_BEHIND
-/* The fraction of foreground in a pixel of depth z next to a hole */
+/* The fraction of foreground in a pixel of depth z next to a hole; far, falloff: the hole's values in `behind` */
 #define FOREGROUND(z, far, falloff) clamp((falloff) * ((far) - (z)), 0.0f, 1.0f)
 
 /* The weights of pixels with depths z, one for each lane. around: the farthest depth behind the holes near the pixel;

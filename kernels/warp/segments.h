@@ -33,8 +33,8 @@ INLINED int may_show(SweepLines line, Targets targets, global const float *bound
     return range.x <= range.y && most >= low && least <= high;
 }
 
-/* Shortens a segment's walk at both ends, block by block, by steps that show nothing at its pixels. Returns the number
- * of tested blocks that were left out. */
+/* Shortens a segment's walk at both ends, block by block, by steps that show nothing at the segment's pixels. Returns
+ * the number of tested blocks that were left out. */
 INLINED uint clip_walk(SweepLines *line, global const float *bounds, PixelMap map)
 {
     const Targets targets = targets_along(map, *line);

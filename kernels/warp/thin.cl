@@ -19,8 +19,8 @@
 #endif
 #define RIBBON_WIDTH_MAX 256 /* target pixels: greatest width and height of a ribbon's bounding box */
 #define NO_RIBBON 0xFFFFFFFFu
-#define END_BIAS 1024u /* units of the key's last bit: subtracted on the half squares beyond a ribbon's samples, so that
-                           a surface that goes on there in the same plane shows its own colours */
+#define END_BIAS 1024u /* units of the key's last bit: subtracted from keys beyond a ribbon's two samples, so that a
+                           surface that goes on there in the same plane shows its own colours */
 #define NEARER 1e-6f /* fraction of the depth by which a ribbon must be nearer: at samples, surfaces are as near */
 
 /* A ribbon is the area that a square covers as it moves. [*low, *high] is the part of the motion, 0 to 1, during which

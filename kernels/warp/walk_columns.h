@@ -27,7 +27,7 @@ typedef struct {
 
 /* The triangles that lines pass on a step, in order, two in each cell. */
 typedef struct {
-    floatl leaves[4];   /* position, 0 to 1, at which lines leave each triangle; if it does not grow, they miss it */
+    floatl leaves[4];   /* position, 0 to 1, at which lines leave each triangle; not above the previous: they miss it */
     floatl nearness[4]; /* the surface's nearness at this position */
     intl open[4];
 } PassedTriangles;
