@@ -39,7 +39,7 @@ INLINED floatl image_samples(Image image, intl x, intl y)
 #define KEEP_GROWTH 0.1f   /* fraction by which a surface's slope may grow from pair to pair; at edges, it grows more */
 #define BEND_GROWTH 0.6f   /* the same if the other side is steep or ends: a sphere's last slopes grow by under half */
 #define STEEP_TIMES 4.0f   /* a pair's other side is steep if the pair rises by at most this many times its slope */
-#define SAME_TIMES 2.05f   /* a rise may be this many times the smaller slope of the sides: quantization may double it */
+#define SAME_TIMES 2.05f   /* a rise may be this many times the sides' smaller slope: quantization may double it */
 #define LEAST_RISE 0.05f   /* fraction of the slope on one side: if a pair rises by less, that side has a step */
 
 /* Slopes on one side of a pair, positive if nearness changes there in the same direction as within the pair. `nearest`:
@@ -227,7 +227,7 @@ INLINED int any_torn(Packet n, Cut cut, EdgeTest test)
         return any_lane(IS_OPEN(cut, near, far));
     const float least = min(test.per_pixel[0], test.per_pixel[1]);
     const floatl slope = test.perspective ? least * far : (floatl)least;
-    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* the least value of all pairs */
+    const floatl noise = EXPLAINED(test, test.perspective ? far : near); /* the least of the pairs' limits */
     return any_lane((near - far > ROUNDED_DOWN * max_lanes(slope, noise)) | (far <= NO_SURFACE));
 }
 

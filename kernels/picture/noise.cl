@@ -355,7 +355,7 @@ OUTLINED void keep_stairs(Estimate e)
         number = i == e.item ? count : number;
         count += t->stairs_of[i] + (with_steep ? t->steep_of[i] : 0);
     }
-    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* 1 %, as steep surfaces have few stairs */
+    const int every = count / 4000 + 1, is_some = 100 * count > t->changes; /* 1 % of all changes: slopes have few */
     t->kept = is_some ? (count + every - 1) / every : 0;
     for OWN_TRIPLES (e, i) {
         const Triples at = triples_at(e, i);

@@ -6,7 +6,7 @@
 #include "lib/lanes.h"
 
 #ifndef ORIGINS
-#define ORIGINS 0 /* 1: pixels' origins (view, place in its image) are kept: from the layer with the greatest weight */
+#define ORIGINS 0 /* 1: pixels' origins (views, places in them) are kept: from the layer with the greatest weight */
 #endif
 #define TOLERANCE_MIN 0.02f   /* fraction of the depth: layers that differ by less show one surface */
 #define LAYER_DEVIATIONS 4.0f /* standard deviations: noise explains smaller differences of depth */
