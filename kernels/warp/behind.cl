@@ -21,7 +21,7 @@
  * to the row below or, in rows, to the right. same: the depth by which pixels of one surface may differ. Work-item: one
  * block (behind_blocks); 64 * `strip` pixels of a row, and the whole runs of holes that begin in them (behind_runs);
  * `run` pixels of a row (behind_lines). Cost: behind_runs O(pixels), behind_lines O(pixels + hole's length * holes next
- * to valid pixels); a block of holes counts as one pixel of this length. Determinism: no kernel reads what it writes.
+ * to valid pixels); a block of holes counts as one pixel of this length. Determinism: no kernel reads its own output.
  */
 #include "lib/pixelspace.h"
 #include "warp/holes.h"

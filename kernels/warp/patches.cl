@@ -132,7 +132,7 @@ OUTLINED void draw_packet(Patches at, const Seen *corners, floatl hair, intl wan
     }
 }
 
-/* Draws those of LANES margins that are in the mask `wanted`. */
+/* Draws LANES margins, except margins outside of the mask `wanted`. */
 OUTLINED void draw_margins(global const float *margins, int pitch, intl wanted, Grid grid, PixelMap map, int sides,
                            global float *hits)
 {
