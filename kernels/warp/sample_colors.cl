@@ -160,8 +160,7 @@ kernel void color_samples(global const float *places, global const float *depth,
     }
     const floatl z_there = NEAREST_TAP(taps, around);
     const intl none = active & !(z_there == z_there), torn_there = NEAREST_TAP(taps, torn);
-    /* Is the shown surface nearer? Not if it contains the sample, and one of its four pixels is as far as the
-     * sample. */
+    /* Is the shown surface nearer? Not if it contains the sample, and one of its four pixels is as far away. */
     const floatl nearer_by = RELATIVE_TOLERANCE * fabs(own_z);
     const intl before = active & (own_z - z_there > nearer_by) & (torn_there | (own_z - farthest > nearer_by));
     intl is_seen = active;
