@@ -1,16 +1,15 @@
-/* Finds the area in which samples may be invented: all pixels except those of discs, of radius `reach`, without
- * samples.
+/* Finds the area in which samples may be invented: all pixels except those in a disc of radius `reach` that contains no
+ * sample.
  *
  * This is a morphological closing by a disc: a dilation of the samples, then an erosion of the result. Both find the
- * pixels that have a pixel of some kind within the disc around them. This takes two passes: the first finds the
- * distance to such a pixel within each column; the second searches along the row for a column whose distance lies in
- * the disc.
+ * pixels around which a disc contains some pixel of a given kind. The first of two passes finds the distance to such a
+ * pixel within each column; the second searches along the row for a column whose distance lies in the disc.
  *
  * marks: a plane of bytes (plane.h). If `wanted` is 1, pixels with any of `bits` are searched for; if it is 0, pixels
- * of the image with none of them. distances: a plane, at most reach + 1 pixels. near: a plane, 1 if such a pixel lies
- * within the disc. Work-item: LANES columns (column_distances), `strip` packets of a row (within_disc). Cost: at most
- * O(pixels * reach); a packet's search ends once it has found a pixel for all lanes. Determinism: kernels read only
- * finished planes.
+ * of the image with none of them. distances: a plane, at most reach + 1 pixels. near: a plane, 1 where the disc
+ * contains such a pixel. Work-item: LANES columns (column_distances), `strip` packets of a row (within_disc). Cost: at
+ * most O(pixels * reach); a packet's search ends once it has found a pixel for all lanes. Determinism: kernels read
+ * only finished planes.
  */
 #include "cleaning/plane.h"
 
@@ -48,7 +47,7 @@ kernel void within_disc(global const int *distances, global uchar *near, ImagePl
         if (IS_PACKET_OF_IMAGE(plane, x, row)) {
             const intl is_column = IN_IMAGE(plane, x);
             for (int off = 0; off <= reach && any_lane(is_column & !found); off++) {
-                const int most = reach * reach - (off ? off * off - off + 1 : 0); /* half a pixel wider along rows */
+                const int most = reach * reach - (off ? off * off - off + 1 : 0); /* half a pixel wider in a row */
                 if (x - off + LANES > ASIDE) {
                     const intl left = load_lanes(distances + at - off);
                     found |= left * left <= most;

@@ -1,11 +1,11 @@
-/* Region growing: spreads depth from seeds over an area. It goes on between similar colours first, so regions that grow
- * from two sides meet at colour edges.
+/* Region growing: spreads depth from seeds over an area. Depth first spreads between similar colours, so regions that
+ * grow from two sides meet at colour edges.
  *
  * A step from a pixel to a neighbour has a class, 0 to 3: the two colours differ little, somewhat, much or fully
- * (tint.h). The cost of a path from a seed is its greatest class, then the number of steps since the path first met
- * this class: (class, steps) as one number. A pixel's cost is the least cost of a path to it. Among the neighbours with
- * a lower cost, the one with the most similar colour gives the pixel its depth (if several are equally similar, the
- * first in EACH_STEP). The result equals region growing step by step, class after class (in the manner of Adams,
+ * (tint.h). The cost of a path from a seed is one number, ordered by the path's greatest class, then by the number of
+ * steps since the path first met this class. A pixel's cost is the least cost of a path to it. Among the neighbours
+ * with a lower cost, the one with the most similar colour gives the pixel its depth (if several are equally similar,
+ * the first in EACH_STEP). The result equals region growing step by step, class after class (in the manner of Adams,
  * Bischof: Seeded region growing, 1994), but does not depend on the order of computation.
  *
  * `relax` lowers the costs in place, tile by tile, until nothing changes. Only a tile's own work-item writes the tile's
@@ -15,10 +15,10 @@
  *
  * marks: plane.h; begin_growth removes AREA from DOUBTED pixels where `near` is 1. near: a plane, 1 outside of the area
  * (area.cl). tint: tint.h. costs: a plane, 0 at seeds. steps: a plane, 2 bits for the class of each step in EACH_STEP.
- * stamps: (down + 2, across + 2) number of the last pass that changed the tile; 0 around the tiles. parents: a plane,
- * number of the neighbour that gives the pixel its depth, STAY at seeds. measured, before, grown: planes of depth, 0
- * for none. Work-item: `strip` packets of a row, or a tile (relax). Cost: O(pixels + filled pixels * length of their
- * paths). Determinism: see above.
+ * stamps: (down + 2, across + 2) for each of down * across tiles, number of the last pass that changed it; 0 around
+ * them. parents: a plane, number of the neighbour that gives the pixel its depth, STAY at seeds. measured, before
+ * (previous frame), grown: planes of depth, 0 for none. Work-item: `strip` packets of a row, or a tile (relax). Cost:
+ * O(pixels + filled pixels * length of their paths). Determinism: see above.
  */
 #include "cleaning/plane.h"
 #include "cleaning/tint.h"

@@ -1,9 +1,9 @@
-/* Chooses the samples to keep: all except flying pixels. Other pixels get the depth of the previous frame if it still
- * holds.
+/* Chooses the samples to keep: all except flying pixels. Pixels without a kept sample get the previous frame's depth if
+ * it still holds.
  *
  * The depth of a flying pixel lies between two surfaces, apart from both: the camera mixed their depths at an edge.
  * Flying pixels are detected along rows, columns and diagonals; the next sample on each side may be up to GAP pixels
- * away. If the line through the next two samples of a side leads to the pixel's depth, the pixel belongs to their
+ * away. If the line through the next two samples on one side leads to the pixel's depth, the pixel belongs to their
  * surface and is kept. A pixel's previous depth still holds if a kept sample within GAP pixels lies on the same surface
  * and has a similar colour.
  *
@@ -25,7 +25,7 @@ INLINED floatl next_value(global const float *at, int step)
     return select_lanes(IS_KNOWN(one), one, load_lanes(at + 2 * step));
 }
 
-/* Does the line through the next two samples of a side lead to the pixel's value? */
+/* Does the line through the next two samples on one side lead to the pixel's value? */
 INLINED intl is_led_to(global const float *at, int step, floatl value)
 {
     const floatl one = load_lanes(at + step), two = load_lanes(at + 2 * step), three = load_lanes(at + 3 * step);

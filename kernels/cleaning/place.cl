@@ -2,8 +2,8 @@
  *
  * depth: (height, width) planar z; values that are not finite, <= NEAREST or >= 1 / NEAREST are invalid. placed: the
  * plane of depth, 0 where invalid. ranges: (rows, 2) least and greatest depth of each row of the plane, (inf, -inf) for
- * rows without depth. color: (height, width, 3). tint: the plane of colours, in words (tint.h).
- * values: scale.h. Work-item: a row (place_depth), `strip` packets of a row. Cost: O(pixels). Determinism: pixels are
+ * rows without depth. color: (height, width, 3). tint: the plane of colours, each packed into 32 bits (tint.h). values:
+ * scale.h. Work-item: a row (place_depth), `strip` packets of a row. Cost: O(pixels). Determinism: pixels are
  * independent.
  */
 #include "cleaning/plane.h"

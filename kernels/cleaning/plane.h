@@ -7,8 +7,8 @@
  */
 #include "lib/lanes.h"
 
-#define ABOVE 5   /* rows of margin above the image, and also below it: the radius of smoothing */
-#define ASIDE 16 /* columns of margin on the left, a packet; there are at least as many on the right */
+#define ABOVE 5   /* rows of margin above the image, and as many below: the radius of smoothing */
+#define ASIDE 16 /* columns of margin on the left, a packet (LANES); at least as many on the right */
 
 typedef struct {
     int width, height, pitch;
@@ -30,6 +30,6 @@ typedef struct {
 #define KEPT 1    /* has a measured depth that is kept */
 #define STILL 2   /* has a depth of the previous frame that still holds */
 #define AREA 4    /* may have depth */
-#define DOUBTED 8 /* only stays in the area if it lies in the closing (area.cl) of the present seeds */
+#define DOUBTED 8 /* stays in the area only if the area (area.cl) of the present seeds contains it */
 #define SEED 3  /* KEPT or STILL */
 #endif

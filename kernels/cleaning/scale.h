@@ -7,7 +7,7 @@
  * in the last KNOT_SHIFT bits; `first` is the first knot's other bits, as a number. So the distance of knots grows with
  * nearness, and a look-up needs no logarithm. A guide shortens the search for the inverse: the range of values is
  * divided into GUIDES equal parts, and at the start of each part, and at the end of the last one, the guide holds the
- * number of the last knot at or below.
+ * number of the last knot whose value is at most the value there.
  */
 #include "lib/lanes.h"
 

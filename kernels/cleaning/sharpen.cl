@@ -18,7 +18,7 @@
 #define TAIL(length) ((length) / 3)      /* samples from the ramp's end to the first of the two that define a line */
 #define BASE(length) (1 + (length) / 4) /* samples from the first of these two to the second */
 #define APART 0.04f
-#define BEYOND 0.1f /* fraction of the surfaces' difference by which a ramp's sample may lie beyond both */
+#define BEYOND 0.1f /* fraction of the surfaces' distance by which a ramp's sample may lie outside of it */
 #define RISES 1e-30f
 
 /* The number of steps in a direction that stay in the image */
@@ -70,7 +70,7 @@ INLINED floatl continued(global const float *values, int at, int step, intl end,
     return select_lanes(is_known, there, (floatl)(gather(values, own + end * step)));
 }
 
-/* Sets `found` to the closer surface of the ramp in one direction, if the ramp is the steepest edge so far. */
+/* Sets `found` to the closer surface at the ramp along (dx, dy), if this ramp is the steepest edge so far. */
 INLINED void sharpen_along(global const float *values, ImagePlane plane, int x, int row, int dx, int dy, floatl *found,
                            floatl *steepest)
 {

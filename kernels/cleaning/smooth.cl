@@ -10,8 +10,8 @@
  * values, rough: planes on a scale (scale.h) on which noise has a standard deviation of 1. before, grown: planes of
  * depth, 0 for none. marks: plane.h. strength: 0 for no smoothing. depth: (height, width), NaN for none. invented:
  * (height, width) 1 if the depth was not measured. A sample whose value does not change keeps its depth to the bit.
- * Work-item: `strip` packets of a row. Cost: O(pixels), with 81 samples each in two filters. Determinism: kernels read
- * only finished planes.
+ * Work-item: `strip` packets of a row. Cost: O(pixels): each of two filters reads 81 samples a pixel. Determinism:
+ * kernels read only finished planes.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
@@ -46,7 +46,7 @@ INLINED floatl weight_of(floatl rest)
         }                                                                                                      \
     }
 
-/* The weighted mean by which the samples around exceed the plane through the middle sample, which has the slopes
+/* The weighted mean by which the samples around exceed a plane, which contains the middle sample and has the slopes
  * `across` and `down` */
 INLINED floatl off_mean(global const float *values, int pitch, floatl across, floatl down, float range)
 {
@@ -75,7 +75,8 @@ kernel void roughen(global const float *values, global float *rough, ImagePlane 
     }
 }
 
-/* The change of values per pixel along one axis: the smaller of the changes on both sides; 0 if their signs differ */
+/* The change of values per pixel along one axis: the smaller of the changes on the two sides; 0 if these have different
+ * signs */
 INLINED floatl slope_along(global const float *rough, int step)
 {
     const floatl low = load_lanes(rough - REACH * step), high = load_lanes(rough + REACH * step);

@@ -1,12 +1,11 @@
 #ifndef CLEANING_TINT_H
 #define CLEANING_TINT_H
-/* Colours as words with 10 bits for each channel. The difference of two colours is the sum of the channels'
- * differences. */
+/* Colours in 32 bits, 10 for each channel. The difference of two colours is the sum of the channels' differences. */
 #include "lib/lanes.h"
 
 #define TINT_BITS 10
 #define TINT_MAX 1020.0f /* a channel's greatest value: a multiple of 255, so bytes are exact */
-#define UNLIKE_LITTLE 30 /* UNLIKE_...: greatest differences in the classes 0, 1 and 2 of steps (grow.cl) */
+#define UNLIKE_LITTLE 30 /* UNLIKE_...: greatest colour differences of steps of class 0, 1 and 2 (grow.cl) */
 #define UNLIKE_SOME 102
 #define UNLIKE_MUCH 306
 

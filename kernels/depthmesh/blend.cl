@@ -4,27 +4,28 @@
  * a pixel's colour is the weighted mean over the meshes whose surface lies at most epsilon behind the nearest one.
  * Where the drawn views have holes, the coarser meshes of the other views show. Surface that no view saw, but that must
  * be there, is closed (closing.h). A view's weight falls towards the ends of its surface, where the other views have
- * the whole weight. BLEND_QUALITY: positional weights times quality, per pixel (as in the paper); BLEND_POSITION:
- * positional weights alone; BLEND_NEAREST: the colour of the nearest mesh.
+ * the whole weight. BLEND_QUALITY: positional weights times quality (select.cl), per pixel (as in the paper);
+ * BLEND_POSITION: positional weights alone; BLEND_NEAREST: the colour of the nearest mesh.
  *
  * Deviations from the paper: Weights fall at a surface's ends. Only the nearest surface of each mesh is blended, so
  * other surfaces of this mesh add nothing, even within epsilon. Textures are projected, not stretched over triangles,
- * and are read within the view's own triangles, so no colour leaks over a depth edge. Triangles of coarse meshes that
- * bridge two surfaces are drawn only if holes are closed BY_SHEETS; else they mark rays that pass between surfaces.
+ * and are read within triangles of the view's samples, so no colour leaks over a depth edge. Triangles of coarse meshes
+ * that bridge two surfaces are drawn only if holes are closed BY_SHEETS; else they mark rays that pass between
+ * surfaces.
  *
  * corners, projected, points: select.cl, mesh by mesh in the order of `MeshCounts`. list, starts: raster/bins.cl.
- * firsts: (meshes + 1,) first triangle of each mesh. In the arrays below, `meshes` counts others and views alone.
- * sources: (meshes, 4) index of the mesh's view, indices in `levels` of this view's finest and coarsest level, and 1
- * for a perspective view. levels: (levels, 3) width, height and start in colors; each level is half as large as the
- * previous one, rounded up. scales: (meshes,) samples of the view per pixel of the target, at depth 1 in
+ * firsts: (meshes + 1,) first triangle of each mesh. In the arrays below, `meshes` is others + views. sources: (meshes,
+ * 4) index of the mesh's view, indices in `levels` of this view's finest and coarsest level, and 1 for a perspective
+ * view. levels: (levels, 3) width, height and start in colors; each level is half as large as the previous one, rounded
+ * up. scales: (meshes,) samples of the view per pixel of the target, at depth 1 in
  * both. colors: RGBA bytes; A is 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
  * the fraction of valid samples on coarser levels. weights: (meshes,) positional weights, > 0. culled:
  * raster/triangle.h. by: BLEND_... layer_nearness, layer_owner: (others + views, items, pixels of a region) output of
  * mesh_layers.h. With CLOSED BY_RAYS, the arrays of FreeSpace (closing.h) for all `view_count` views; view_sizes is its
- * `sizes`. depth, color, valid: the picture, whose nearer pixels stay. occupancy, with OCCUPIED: (height, width) bit k
- * is set where view k gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item: every
- * `items`-th region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then of the
- * meshes.
+ * `sizes`. depth, color, valid: the picture; pixels that are nearer stay. occupancy, with OCCUPIED: (height, width) bit
+ * k is set where view k gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item:
+ * every `items`-th region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then
+ * of the meshes.
  */
 #include "depthmesh/closing.h"
 #include "depthmesh/mesh_layers.h"
@@ -41,8 +42,8 @@
 #ifndef GUESSES
 #define GUESSES 0 /* 1: also write the depth of closed pixels */
 #endif
-#define LEVEL_BIAS 0.25f /* levels: added before rounding down, because blur is worse than a little aliasing */
-#define FACTOR_MIN 1e-3f /* least quality and least feather: > 0, so that each surface gets a colour */
+#define LEVEL_BIAS 0.25f /* in levels, added before rounding down: blur is worse than a little aliasing */
+#define FACTOR_MIN 1e-3f /* least quality and least feather_at(): > 0, so that each surface gets a colour */
 
 /* Adds the colour at the pixel (x, y) of a view, read from one of the view's levels. The finest level is interpolated
  * in the triangle that contains the pixel, coarser levels bilinearly, with texels weighted by their fraction of valid
@@ -258,7 +259,7 @@ kernel void draw_meshes(BINS_PARAMETERS, PICTURE_PARAMETERS, global const int *c
             if (!blank && !any_lane(mine))
                 continue;
             MeshBlend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-            intl taken = (intl)0, views = (intl)0; /* a mesh gave colour; the views that did, a bit for each */
+            intl taken = (intl)0, views = (intl)0; /* pixels with a mesh's colour; bit k: view k gave colour */
             const floatl deepest = screen.perspective ? front / (1.0f + epsilon * front) : front - epsilon;
             for (int mesh = holed ? 0 : others; mesh < meshes; mesh++) {
                 const size_t at = mesh * layers.next + LANES * block;

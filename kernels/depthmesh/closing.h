@@ -9,12 +9,13 @@
  * the back to the eye.
  *
  * A ray may pass through a rubber sheet (a triangle that bridges a depth edge) and reach points that are not free: then
- * it has met a surface. If the ray comes from the front and leaves free space within half a sample of the last samples
- * of the sheet's near surface, it has met the rim of this surface. Otherwise no view saw the surface. But the surface
- * on the far side of a depth edge is likely to continue behind the near one, so space counts as free up to this
- * continued surface (`extended_depths`). Surface is drawn where the ray leaves this space; if the ray never leaves it,
- * the pixel stays empty. A ray may also leave the occluded space behind a sheet and enter occluded space again. Then
- * surface is drawn only if the scene is `enclosed`: beside a single object, such rays may never meet a surface.
+ * it has met a surface. If the ray comes from the front and leaves free space at most half a sample beyond the last
+ * samples of the surface at the sheet's near end, it has met the rim of this surface. Otherwise no view saw the
+ * surface. But the surface on the far side of a depth edge is likely to continue behind the near surface, so space
+ * counts as free up to this continued surface (`extended_depths`). Surface is drawn where the ray leaves this space; if
+ * the ray never leaves it, the pixel stays empty. A ray may also leave the occluded space behind a sheet and enter
+ * occluded space again. Then surface is drawn only if the scene is `enclosed`: beside a single object, such rays may
+ * never meet a surface.
  *
  * Cost: at most 6 MARCH_STEPS points on each ray that first meets a back or a sheet; each point is looked up in one
  * view after the other, until a view saw through the point.
@@ -24,8 +25,8 @@
 #include "lib/taps.h"
 
 #define MARCH_STEPS 128   /* most points that a march looks up along a ray */
-#define SAMPLE_REACH 0.25f /* steps: a point is at a sample if its depth and the sample's differ by no more */
-#define BEFORE_1 (1.0f - 1e-6f) /* times the last sample's coordinate: a place just inside the last cell */
+#define SAMPLE_REACH 0.25f /* in steps: a point is at a sample if their depths differ by at most this */
+#define BEFORE_1 (1.0f - 1e-6f) /* factor that moves the last sample's coordinate just into the last cell */
 #define HALVINGS 7 /* bisections of a step: where a ray leaves free space is known to 1/128 of a step */
 
 /* Depths up to which each view saw free space. free_depths: the depth of each sample; INFINITY: background, 0: not
@@ -135,9 +136,9 @@ INLINED intl is_in_any_view(const FreeSpace *space, floatl x, floatl y, floatl d
 }
 
 /* Returns which `active` rays end in occluded space, behind a surface that a view saw. Such a ray leaves free space in
- * front of `depth`, or, in an enclosed scene, behind it, and goes on in a view's image. Sets `last` to the depth of the
- * last free point. Unless the scene is enclosed, rays that have a free point behind `depth` are left out; most reach it
- * within a few steps. */
+ * front of `depth` (in an enclosed scene, also behind `depth`) and goes on in a view's image. Sets `last` to the depth
+ * of the last free point. Unless the scene is enclosed, rays that have a free point behind `depth` are left out; most
+ * reach this point within a few steps. */
 INLINED intl ends_hidden(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *last)
 {
     floatl from = depth;
@@ -196,9 +197,9 @@ intl is_at_sample(const FreeSpace *space, floatl x, floatl y, floatl depth, intl
 }
 
 /* Returns which `active` rays meet, behind `depth`, the rim of a surface that a view saw: the half sample beyond the
- * surface's last samples. Such a ray comes from the front, and leaves free space at a sample, where free space is
- * judged by the four samples around a point, or else by the nearest sample. Rays from the side pass behind the surface.
- * Sets `rim` to the rim's depth. */
+ * surface's last samples. Such a ray comes from the front, and leaves free space at a sample. Free space is first
+ * judged by the four samples around a point, then, if this finds no rim, by the nearest sample. Rays from the side pass
+ * behind the surface. Sets `rim` to the rim's depth. */
 static intl meets_rim(const FreeSpace *space, floatl x, floatl y, floatl depth, intl active, floatl *rim)
 {
     const floatl start = depth -
@@ -228,7 +229,7 @@ static intl is_closed(const FreeSpace *space, floatl x, floatl y, floatl back, i
     return solid | on_rim | on_far;
 }
 
-/* Closes pixels of a block: sets `front` to the nearness of surface that no view saw, and returns at which pixels (x,
+/* Closes pixels of a block: sets `front` to the nearness of surface that no view saw, and returns for which pixels (x,
  * y). nearest: nearness of the near plane. back, sheet: nearness of the nearest back and sheet; EMPTY for none. */
 static intl close_block(const FreeSpace *space, float nearest, float epsilon, floatl x, floatl y, floatl back,
                          floatl sheet, floatl *front)

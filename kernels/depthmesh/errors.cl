@@ -1,22 +1,22 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
- * A vertex's error is the sum of its own error, the distance from the edge that it bisects, and the largest error of
+ * A vertex's error is the sum of its own error (its distance from the edge that it bisects) and the largest error of
  * its children. For a midpoint, the distance is measured in the plane of the edge's direction and the z axis (equation
  * 1); for a centre, in space (equation 2). A vertex's sphere contains its children's spheres; at the finest step, it
  * contains the triangles that the vertex splits. So errors and spheres grow from children to parents, and independent
  * tests of vertices yield a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: the errors of vertex and child are added. The sum is a bound, since a surface without both
- * vertices may be wrong by both errors. With `largest`, the larger error counts, as in the paper. All of a partly drawn
- * triangle is lost unless it is split, so its error is CUT_ERROR times its longest side: at any useful tolerance, the
- * mesh keeps its depth edges.
+ * vertices may be wrong by both errors. With `largest`, the larger error counts, as in the paper. A triangle of which
+ * only some cells are drawn is left out unless it is split, so its error is CUT_ERROR times its longest side: at any
+ * useful tolerance, the mesh keeps its depth edges.
  *
  * nearness, placed: (height, pitch), samples.cl; nearness is denoised (smooth.cl). For each vertex, (side + 1, row):
  * states, states.cl; errors: scene units, -1 where nothing is drawn; radii: the bounding spheres' radii, scene units;
  * depths: the depths of their centres, or a child's depth if the centre has no sample. The spheres contain the drawn
  * triangles. Work-item: `find_finest_midpoints`, `find_finest_centers`: a row of midpoints, or centres, of step 1; the
- * first also initialises vertices without cells. `find_errors`: a row of a coarser step. `find_coarse_errors`: all rows
- * of all coarser steps. Cost: O(vertices). Determinism: maxima of children in a fixed order.
+ * former kernel also initialises vertices without cells. `find_errors`: a row of a coarser step. `find_coarse_errors`:
+ * all rows of all coarser steps. Cost: O(vertices). Determinism: maxima of children in a fixed order.
  */
 #include "depthmesh/tree.h"
 
@@ -124,7 +124,7 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
         return bisected;
     const Vector a = sample_point(layout, left, ay, na), b = sample_point(layout, right, by, nb);
     const Vector ab = minus(b, a), ap = minus(p, a);
-    const floatl rounding = 2.0f * ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z)); /* 2: p may lie outside the edge */
+    const floatl rounding = 2.0f * ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z)); /* 2: p may lie beyond the ends */
     floatl error = 0.0f;
     for (int k = 0; k < 2; k++) {
         const floatl nc = k ? select_lanes(main, corner[1], corner[3]) : select_lanes(main, corner[2], corner[0]);
@@ -136,8 +136,8 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* Sets the vertices' errors: adds to their children's the part of their own errors that noise does not explain. Where
- * nothing is drawn, errors stay -1. */
+/* Sets the vertices' errors: to the children's errors, adds the part of the vertices' own errors that noise does not
+ * explain. Where nothing is drawn, errors stay -1. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
@@ -163,7 +163,7 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
                       -1.0f,
                       0.0f,
                       select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
-        Children children[4]; /* above, right, below, left of a centre; at the diagonals of a midpoint */
+        Children children[4]; /* above, right, below, left of a centre; diagonally from a midpoint */
         for (int k = 0; k < 4; k++) {
             const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
             const int dy = centers ? (k == 2 ? s : k == 0 ? -s : 0) : (k >> 1 ? s / 2 : -s / 2);

@@ -14,14 +14,14 @@
 #define BY_RAYS 1
 #define BY_SHEETS 2
 
-/* How many meshes there are of each kind, in the order of the meshes. Sheets (triangles that segmentation removed) and
+/* The number of meshes of each kind; meshes are stored in this order. Sheets (triangles that segmentation removed) and
  * backs (meshes with fronts and backs exchanged) indicate surface that no view saw. Others are the meshes of views that
  * are not drawn; they show in holes. */
 typedef struct {
     int sheets, backs, others, views;
 } MeshCounts;
 
-/* The first place in a bin's list, which ascends, whose triangle is `number` or greater */
+/* The first place in a bin's list (its triangles ascend) whose triangle is `number` or greater */
 int lower_bound(BinList listed, int number)
 {
     int first = listed.first, last = listed.last;

@@ -11,12 +11,12 @@
  * ignores differences that the sensor's noise explains (`noise`).
  *
  * `place_border` computes the nearness of the vertices that are drawn half a pixel beyond the outermost samples: it
- * extends the line from the next sample inside through the outermost one, so the surface passes through both.
+ * extends the line through the outermost sample and the next sample inside, so the surface passes through both samples.
  *
  * nearness: (height, pitch), picture/nearness.cl. cells: (height, pitch) states of each cell's two triangles (tree.h).
  * placed: (height, pitch) nearness of the drawn vertices: the samples' nearness except at the border.
  * normals: (3, height, pitch) unit normals in the view's frame, towards the camera, from the differences to neighbours
- * that share a drawn triangle; (0, 0, -1) if there are none.
+ * that share a drawn triangle; (0, 0, -1) without such neighbours.
  * Work-item: a row. Cost: O(samples). Determinism: samples are independent.
  */
 #include "depthmesh/tree.h"
@@ -32,7 +32,7 @@ typedef struct {
     float sine;        /* a triangle is edge-on if the sine of its angle to the line of sight is less */
     float depth_range; /* largest range of depths in a triangle of one surface, as a fraction of z or of the extent */
     float extent;      /* extent of an orthographic view's samples, in scene units */
-    float gap;         /* largest difference of neighbours' nearness on a surface, as a fraction of it or the extent */
+    float gap;         /* largest difference of neighbours' nearness on a surface, divided by nearness or the extent */
     float noise[3];    /* a, b, c: depths of one surface may differ by a z z + b z + c at depth z */
 } Segmentation;
 
@@ -153,7 +153,7 @@ int is_edge_drawn(const Layout *layout, global const uchar *cells, int x, int y,
 /* Direction inwards from an outermost sample along an axis of `count` samples: 1 or -1, 0 at inner samples */
 #define INWARDS(x, count) ((x) == 0 ? 1 : (x) == (count) - 1 ? -1 : 0)
 
-/* Limits the nearness half a pixel beyond a sample to within half of the sample's nearness: depths stay positive. */
+/* Limits the nearness half a pixel beyond a sample to 0.5 to 1.5 times the sample's, so depths stay positive. */
 float limited(float beyond, float sample)
 {
     const float least = (1.0f - BORDER) * sample, most = (1.0f + BORDER) * sample;

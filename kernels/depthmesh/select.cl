@@ -8,17 +8,17 @@
  * and `list_triangles` list them.
  *
  * Deviations from the paper: the distance is measured to the sphere, not to the vertex, as the independent tests
- * require. For a viewer that will move, more may be selected, with a finer tolerance and a wider view; `motion_limits`
+ * require. For a viewer that will move, a finer tolerance and a wider view may select more vertices; `motion_limits`
  * bound the motion for which the selection suffices.
  *
  * placed: samples.cl. For each vertex, (side + 1, row): errors, radii, depths: errors.cl; active: tree.h; drawn: bit k
- * is set if the k-th triangle with its right angle at the vertex is drawn; numbers: the point's index in `points`.
- * counts: (side + 1, 2) numbers of points and triangles of each row; firsts: (side + 1, 2) indices of each row's first
- * point and triangle. points: (points, 4) a, b, c of tree.h, and quality |n z| if `rated`. corners: (triangles, 3)
- * indices of points, counter-clockwise as seen by the view, with the right angle second. motion_limits: (side + 1, 2)
- * minima over a row's inactive vertices, in scene units: how far the eye may move until a projected error may exceed
- * `allowed`; and the eye's distance from vertices that are inactive only because they are out of view. Work-item: a row
- * of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
+ * is set if the k-th triangle with its right angle at the vertex is drawn; numbers: index of the vertex's point in
+ * `points`. counts: (side + 1, 2) numbers of points and triangles of each row; firsts: (side + 1, 2) indices of each
+ * row's first point and triangle. points: (points, 4) a, b, c of tree.h, and quality (the normal's |z|) if `rated`.
+ * corners: (triangles, 3) indices of points, counter-clockwise as seen by the view, the second at the right angle.
+ * motion_limits: (side + 1, 2) minima over a row's inactive vertices, in scene units: how far the eye may move until a
+ * projected error may exceed `allowed`; and the eye's distance from vertices that are inactive only because they are
+ * out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
  */
 #include "depthmesh/tree.h"
 
@@ -77,7 +77,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
 int next_marked(global const uchar *row, int x, int side)
 {
     for (; x <= side; x++) {
-        while (!(x & 7) && x <= side && !*(global const ulong *)(row + x)) /* rows start and end at whole words */
+        while (!(x & 7) && x <= side && !*(global const ulong *)(row + x)) /* rows begin and end at 8 bytes */
             x += 8;
         if (x <= side && row[x])
             break;

@@ -3,17 +3,17 @@
  * Starting from the coarsest triangles, each triangle is split if its depth is wrong by more than max_error at any
  * sample within it. All samples are tested, not only the vertex that would split the triangle, so max_error is a bound.
  * To avoid cracks, a split may force splits of other triangles. Every triangulation of the tree within the bound needs
- * each of these splits, so no other has fewer triangles. Planes are affine in nearness, so nearness is compared, for
- * both projections.
+ * each of these splits, so none has fewer triangles. Planes are affine in nearness, so nearness is compared, for both
+ * projections.
  *
  * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, filled with 0 by
  * the caller. pool: chunks of CHUNK ints; each work-item builds a stack of vertices from chunks. A chunk holds the
  * indices of the chunks below and above it, then vertices. used: (1,) number of used chunks. coarse: a step (tree.h).
  * Work-item: `refine_coarse`: all vertices with steps from `coarse` up; then `refine`: one of these vertices, and all
- * vertices that follow from it and that no other work-item has taken. A work-item may see marks of others late or
- * never, so an atomic operation decides which work-item takes a vertex. Cost: O(triangles + samples): most triangles
- * that must be split are recognised at the first samples; other triangles are read in rows, LANES samples at a time.
- * Determinism: whether a triangle is split does not depend on the order of the tests.
+ * vertices that follow from it and that no other work-item has taken. A work-item may see marks of other work-items
+ * late or never, so an atomic operation decides which work-item takes a vertex. Cost: O(triangles + samples): most
+ * triangles that must be split are recognised at the first samples; other triangles are read in rows, LANES samples at
+ * a time. Determinism: whether a triangle is split does not depend on the order of the tests.
  */
 #include "depthmesh/tree.h"
 
@@ -200,7 +200,7 @@ INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
 {
     const int y = at / layout->row, x = at - y * layout->row, s = step_of(x, y);
     const int is_center = IS_CENTER(x, y, s), turn = IS_MAIN(x, y, s) ? s : -s;
-    const int2 to_b = is_center ? (int2)(turn, -s) : x & s ? (int2)(0, s) : (int2)(s, 0); /* parents: at right angles */
+    const int2 to_b = is_center ? (int2)(turn, -s) : x & s ? (int2)(0, s) : (int2)(s, 0); /* towards the parents */
     activate_vertex(layout, work, x + to_b.x, y + to_b.y);
     activate_vertex(layout, work, x - to_b.x, y - to_b.y);
     const int child = is_center ? s : s / 2;
@@ -213,8 +213,8 @@ INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
     }
 }
 
-/* Calls `propagate` for the vertices on the stack until it is empty. coarse: for the first vertex; others have no
- * limit */
+/* Calls `propagate` for the vertices on the stack until it is empty. coarse: for the first vertex; later vertices have
+ * no such limit */
 INLINED void propagate_all(const Layout *layout, Work *work, int coarse)
 {
     for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0;

@@ -11,12 +11,12 @@
  * largest power of two that divides x and y. A vertex is
  *   a centre   (x/s and y/s are odd): it bisects the diagonal of the block of side 2s around it;
  *   a midpoint (either x/s or y/s is odd): it bisects an edge of length 2s along x or y.
- * The diagonal of a block runs from its upper left to its lower right corner (`main`) if the sum of its column and
- * row is even, so the diagonals of four blocks meet in the centre of the larger block that they form. The two triangles
- * that share the bisected edge are the sides of the vertex: side A above it (left, if the edge is along y), side B
- * below (or right). A side is split into two triangles. Each is a side of another vertex, a child of this one. The
- * children of a midpoint are the centres at (+-s/2, +-s/2), the children of a centre are the midpoints at (+-s, 0) and
- * (0, +-s). In a triangulation without cracks, the parents of each active vertex are active.
+ * The diagonal of a block runs from its upper left to its lower right corner (`main`) if the sum of the block's column
+ * and row is even, so the diagonals of four blocks meet in the centre of the larger block that they form. The two
+ * triangles that share the bisected edge are the sides of the vertex: side A above it (left, if the edge is along y),
+ * side B below (or right). A side is split into two triangles, each of which is a side of another vertex, a child of
+ * this vertex. The children of a midpoint are the centres at (+-s/2, +-s/2), the children of a centre are the midpoints
+ * at (+-s, 0) and (0, +-s). In a triangulation without cracks, the parents of each active (used) vertex are active.
  *
  * A sample stands for its whole pixel, so vertices at outermost samples are drawn half a pixel farther out, with the
  * nearness that samples.cl computes there. The states and errors of vertices refer to the samples.
@@ -52,7 +52,8 @@ typedef struct {
 
 #define IS_SAMPLE(nearness) ((nearness) > 0.5f * NO_SURFACE)
 
-/* The noise of depths: a z z + b z + c at depth z. `noise_of_nearness`: the same as a difference in nearness, at n */
+/* The noise of depths: a z z + b z + c at depth z. `noise_of_nearness`: the same as a difference in nearness, at
+ * nearness n */
 #define NOISE_AT(of, z) (((of)[0] * (z) + (of)[1]) * (z) + (of)[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const float *of, floatl n)
 {
@@ -76,7 +77,7 @@ INLINED floatl beyond_sample(intl x, int count)
     return select_lanes(x == 0, (floatl)-BORDER, select_lanes(x == count - 1, (floatl)BORDER, (floatl)0.0f));
 }
 
-/* Coordinate of the drawn vertex of sample x, with this offset */
+/* Coordinate of the drawn vertex of sample x, moved by beyond_sample */
 float place_of(int x, int count)
 {
     return x + (x == 0 ? -BORDER : x == count - 1 ? BORDER : 0.0f);
@@ -112,8 +113,8 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
     return select_lanes((x + dx >= 0) & (x + dx < layout->width - 1), byte, (intl)0);
 }
 
-/* Rounding error of a sum of depths, as a fraction of the sum. Points of a line may seem to be beside it by this error,
- * so smaller distances count as 0. */
+/* Rounding error of a sum of depths, as a fraction of the sum. Points on a line may seem to lie beside the line by this
+ * error, so smaller distances count as 0. */
 #define ROUNDING 0x1p-22f
 
 /* Marks of a triangulation's vertices. LISTED: corners of triangles; ACTIVE: the same, and right angles may lie

@@ -4,14 +4,14 @@
  * of a window, or behind all of them, can skip the window.
  *
  * Window (x, y) has 2 BOUNDS_STEP cells on a side. Its first column is BOUNDS_STEP * x - 1, its first row BOUNDS_STEP *
- * y - 1, so the first windows start in the ring (surface.h). Windows overlap: from any cell, the next BOUNDS_STEP steps
- * of a line lie in one window.
+ * y - 1, so the first windows start in the ring (surface.h). Windows overlap, so that from any cell, a line's next
+ * BOUNDS_STEP steps of one cell lie in one window.
  */
 #include "lib/surface.h"
 
 #define BOUNDS_STEP 8
 
-#define FROM_RING 0.99f /* pixels from the ring to the image's first samples, less a margin for rounding */
+#define FROM_RING 0.99f /* pixels from the ring to the image's first samples, less 0.01 for rounding */
 
 /* The number of windows across `size` samples */
 #define BOUNDS_ACROSS(size) ((size) / BOUNDS_STEP + 1)

@@ -1,17 +1,17 @@
 #ifndef LIB_BUILTINS_H
 #define LIB_BUILTINS_H
-/* Inlined versions of OpenCL's built-in functions, for inner loops. Their results are equal to the bit.
+/* Inlined versions of OpenCL's built-in functions, for inner loops. Results equal the built-in functions' to the bit.
  *
  * PoCL 6 compiles the built-ins to calls. All registers are saved around a call, which doubles the time
- * (CONTRIBUTING.md shows why). Comparisons, bit operations and packed structs take one or two instructions everywhere.
- * Only Clang supports C functions with one name for several types; with other compilers, or with one lane, the
- * built-ins are used.
+ * (CONTRIBUTING.md shows why). The versions below use comparisons, bit operations and packed structs: one or two
+ * instructions with any compiler. Only Clang supports C functions with one name for several types; with other
+ * compilers, or if LANES is 1, the built-ins are used.
  */
 #ifdef __clang__
 
 #define OVERLOADED static inline __attribute__((overloadable, always_inline))
 
-/* If one argument of fmin or fmax is NaN, the result is the other. */
+/* If one argument of fmin or fmax is NaN, the result is the other argument. */
 #define INLINED_OF_FLOATS(type, bits)                                                                          \
     OVERLOADED type inlined_fabs(type x)                                                                       \
     {                                                                                                          \
@@ -32,7 +32,7 @@ INLINED_OF_FLOATS(float4, int4)
 INLINED_OF_FLOATS(float8, int8)
 INLINED_OF_FLOATS(float16, int16)
 
-/* If a is NaN, the result is b, so clamp turns NaN into its lower bound (which OpenCL does not guarantee). */
+/* If a is NaN, the result is b, so clamp(NaN, low, high) is low (which OpenCL does not guarantee). */
 #define INLINED_OF_ALL(type)                                                                                   \
     OVERLOADED type inlined_min(type a, type b)                                                                \
     {                                                                                                          \

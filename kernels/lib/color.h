@@ -8,10 +8,10 @@ typedef struct {
     floatl r, g, b;
 } Color;
 
-/* RGBA texels as words */
+/* Reads RGBA texels, each as a 32-bit integer. */
 #define texels_at(texels, at) as_intl((uintl)(gather(texels, at)))
 
-/* The colour in a word that has red in its lowest byte, then green and blue */
+/* The colour in a 32-bit integer: red in the lowest byte, then green and blue */
 INLINED Color color_of(intl word)
 {
     const Color c = {to_floatl(word & 255), to_floatl((word >> 8) & 255), to_floatl((word >> 16) & 255)};
@@ -64,8 +64,8 @@ INLINED void write_pixel(global channel *image, float3 color)
 {
 }
 #elif COLOR_BYTES == 1
-/* Reads four bytes for each pixel: its three channels and one byte of the next pixel. The last pixel has no next one,
- * so it is read one byte earlier and shifted; an image has at least four bytes. */
+/* Reads four bytes for each pixel: its three channels and one byte of the next pixel. At the last pixel, which has no
+ * next pixel, reading starts one byte earlier, and the bytes are shifted; an image has at least four bytes. */
 #if LANES == 16
 #define WORD(l) ((global const Word *)(image + offset.s##l))->bytes
 #define WORDS                                                                                                  \

@@ -1,11 +1,11 @@
 #ifndef LIB_FOOTPRINT_H
 #define LIB_FOOTPRINT_H
 /* Footprints of pixels on maps. On an oblique surface, a footprint is longer than wide. With ANISOTROPIC, the map is
- * read at several places (probes) along the longer side, at most `anisotropy`, from the mipmap level whose texels are
- * as large as the shorter side (McCormack et al. 1999, but with the footprint's exact ellipse). Otherwise, there is one
- * probe.
+ * read at 1 to `anisotropy` places (probes) along the longer side, from the mipmap level whose texels are as large as
+ * the shorter side (McCormack et al. 1999, but with the footprint's exact ellipse). Otherwise, there is one probe.
  *
- * Cost: the number of probes is the rounded ratio of the sides, so a surface that faces the camera needs only one.
+ * Cost: the number of probes is the rounded ratio of the sides, so a surface that faces the camera needs only one
+ * probe.
  */
 #include "lib/normals.h"
 #include "lib/screen.h"
@@ -24,9 +24,9 @@
 #endif
 
 typedef struct {
-    floatl texels_2; /* square of the side that a probe covers, in texels of the first level */
+    floatl texels_2; /* square of the length that a probe covers, in texels of the first level */
     floatl count;    /* number of probes */
-    floatl u, v;     /* the longer side, along which the probes are spaced evenly */
+    floatl u, v;     /* vector along the longer side, and as long; probes are spaced evenly along it */
 } Footprint;
 
 INLINED Footprint isotropic_footprint(floatl texels_2)
@@ -46,7 +46,7 @@ typedef struct {
 
 /* The changes of u and v per pixel, on a plane that pixels show at nearness n. ahead: unit viewing direction;
  * normal: the plane's normal, of any length; along_u, along_v: gradients of u and v in the world. A footprint longer
- * than `anisotropy` times its width is shortened, as if the plane were less oblique. Its width stays, so that steep
+ * than `anisotropy` times its width is shortened, as if the plane were less oblique. The width stays, so that steep
  * surfaces at outlines are not blurred. */
 INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, Vector along_u, Vector along_v,
                          int anisotropy)
@@ -59,7 +59,7 @@ INLINED UvSteps uv_steps(Screen screen, floatl n, Vector ahead, Vector normal, V
     floatl steps[2][2];
     UNROLLED
     for (int axis = 0; axis < 2; axis++) {
-        const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* one pixel at this depth */
+        const Vector level = {m[axis] * depth, m[4 + axis] * depth, m[8 + axis] * depth}; /* one pixel, in the world */
         const floatl slide = DOT(normal, level) * per_facing;
         steps[axis][0] = DOT(along_u, level) - slide * DOT(along_u, ahead);
         steps[axis][1] = DOT(along_v, level) - slide * DOT(along_v, ahead);
@@ -76,7 +76,7 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     const floatl uu = a * a + b * b, uv = a * c + b * d, vv = c * c + d * d, half_ = 0.5f * (uu - vv),
                  area = a * d - b * c;
     const floatl given = 0.5f * (uu + vv) + sqrt(half_ * half_ + uv * uv);
-    const intl minified = wanted & isfinite_lanes(given) & (given > 1.0f); /* mask; the others have one probe */
+    const intl minified = wanted & isfinite_lanes(given) & (given > 1.0f); /* mask; other lanes have one probe */
     const floatl long_2 = select_lanes(minified, given, (floatl)1.0f),
                  short_2 = max_lanes(area * area / long_2, (floatl)1.0f);
     Footprint f = isotropic_footprint(long_2);
@@ -85,8 +85,8 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
     if (!any_lane(f.count > 1.0f))
         return f;
     f.texels_2 = max_lanes(long_2 / (f.count * f.count), short_2);
-    /* The longer axis is an eigenvector of the matrix (uu, uv; uv, vv). It is computed from the row with less
-     * rounding. */
+    /* The longer axis is an eigenvector of the matrix (uu, uv; uv, vv). It is computed from the matrix row with smaller
+     * rounding errors. */
     const floatl x = select_lanes(half_ >= 0.0f, long_2 - vv, uv), y = select_lanes(half_ >= 0.0f, uv, long_2 - uu);
     const floatl unit = select_lanes(f.count > 1.0f, sqrt(long_2 / max_lanes(x * x + y * y, (floatl)1e-30f)),
                                      (floatl)0.0f);
@@ -105,8 +105,7 @@ INLINED Footprint footprint_of(UvSteps s, int width, int height, intl wanted)
 #define PROBE_WEIGHT(f, i) select_lanes(HAS_PROBE(f, i), 1.0f / (f).count, (floatl)0.0f)
 #endif
 
-/* The footprint on the next coarser level, whose texels are twice as large: half as many probes are as far apart in
- * texels. */
+/* The footprint on the next coarser level: half as many probes, each of which covers twice the length */
 INLINED Footprint on_coarser(Footprint f)
 {
     f.texels_2 *= 4.0f;

@@ -1,6 +1,7 @@
 #ifndef LIB_GBUFFER_H
 #define LIB_GBUFFER_H
-/* The G-buffer (Saito & Takahashi 1990): geometry of pixels that show things made of images, for deferred lighting.
+/* The G-buffer (Saito & Takahashi 1990): depths and normals of the pixels that show things drawn from images, for
+ * deferred lighting.
  *
  * Such things are lit after all things are drawn (picture/deferred.cl). A kernel that draws one of them writes, for
  * each of its pixels, the thing's number, the depth and, with GBUFFER 2, the normal. Other kernels do not write the
@@ -48,7 +49,7 @@ typedef struct {
 #define NORMALS_ARGUMENT(type) (global const type *)0
 #endif
 
-/* Writes the entry of a pixel that shows the thing at a depth. normal: as a colour, as above */
+/* Writes the entry of a pixel that shows the thing at a depth. normal: as a colour 0.5 + 0.5 (x, y, z) */
 INLINED void enter_pixel(GBuffer gbuffer, size_t pixel, float depth, float3 normal)
 {
 #if GBUFFER

@@ -3,9 +3,9 @@
 /* Height maps, tiled or clamped (lib/wrap.h). Texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts
  * from the first centre.
  *
- * HEIGHT_BYTES 1: a word holds four heights of 8 bits: a texel's, its right neighbour's, and those below these two.
- * HEIGHT_BYTES 2: a word holds two heights of 16 bits: a texel's and its right neighbour's.
- * The last texel of a row or column has its first texel as neighbour; in clamped maps, itself.
+ * HEIGHT_BYTES 1: 32 bits hold four heights: those at a texel, its right neighbour, and the two texels below.
+ * HEIGHT_BYTES 2: 32 bits hold two heights: those at a texel and its right neighbour.
+ * The last texel of a row or column has the first texel as neighbour; in clamped maps, itself.
  */
 #include "lib/lanes.h"
 #include "lib/wrap.h"
@@ -20,7 +20,7 @@
 #endif
 
 #ifndef POWERS_OF_TWO
-#define POWERS_OF_TWO 0 /* 1: the map repeats along both axes, and its sides are powers of two: masks wrap indices */
+#define POWERS_OF_TWO 0 /* 1: the map repeats along both axes, sides are powers of two: bit masks wrap indices */
 #endif
 
 /* One level of a map; lanes may be on different levels. */
@@ -31,11 +31,11 @@ typedef struct {
 #endif
 } HeightMap;
 
-/* FLOOR: the greatest whole number <= x, as a float and as an int. WRAPPED: the index of a texel of the map that this
- * int stands for, whether the map repeats or is clamped. */
+/* FLOOR: the greatest whole number <= x, as a float and as an int. WRAPPED: the texel's column or row inside the map
+ * for this int: wrapped around if the map repeats, else clamped. */
 #if POWERS_OF_TWO
-/* If |x| < 2^22, the sum of x and this number is rounded to a whole number, and x's whole number is in the sum's last
- * bits. For a whole x, FLOOR may be x - 1, and the fraction 1. */
+/* If |x| < 2^22, the sum of x and this number is rounded so that its last bits hold x as a whole number. For a whole x,
+ * FLOOR may yield x - 1, so that the fraction is 1. */
 #define WHOLE_BITS 12582912.0f
 #define FLOOR(x, whole, number)                                                                                \
     const floatl number##_bits = ((x) - 0.5f) + WHOLE_BITS;                                                    \
@@ -82,8 +82,8 @@ INLINED Patch read_patch(global const uint *texels, HeightMap map, intl x, intl 
     return patch;
 }
 
-/* The same for texel (ix, iy), which may lie outside of the map and wraps to (x, y). Beyond their borders, clamped maps
- * are constant. */
+/* The same for texel (ix, iy), which may lie outside of the map. (x, y): its place after wrapping or clamping. Beyond
+ * their borders, clamped maps are constant. */
 INLINED Patch read_cell(global const uint *texels, HeightMap map, intl ix, intl iy, intl x, intl y)
 {
     Patch patch = read_patch(texels, map, x, y);

@@ -29,14 +29,14 @@
 #define STRIP 1
 #endif
 
-/* INLINED: a function whose arguments and results stay in registers. In other functions, vectors, and on GPUs structs,
- * are passed in memory. */
+/* INLINED: a function whose arguments and results stay in registers. Other functions get vectors, and on GPUs also
+ * structs, in memory. */
 #ifndef INLINED /* a simulator may want calls */
 #define INLINED static inline __attribute__((always_inline))
 #endif
 
-/* OUTLINED: a function that is compiled once. PoCL compiles each kernel, with its inlined functions, three times. Such
- * a function cannot call get_global_id and the like. */
+/* OUTLINED: a function that is compiled once; PoCL compiles a kernel, with its inlined functions, three times. An
+ * OUTLINED function cannot call get_global_id and the like. */
 #if LANES == 16
 #define OUTLINED static __attribute__((noinline))
 #else
@@ -44,7 +44,7 @@
 #endif
 
 /* UNROLLED: before a short loop with a constant number of steps, so that an array that the loop indexes stays in
- * registers. ROLLED: keeps a loop, so that its steps share registers. */
+ * registers. ROLLED: before a loop not to be unrolled, so that its steps share registers. */
 #if defined(__clang__) || defined(__NV_CL_C_VERSION)
 #define UNROLLED _Pragma("unroll")
 #define ROLLED _Pragma("unroll 1")
@@ -179,7 +179,7 @@ typedef struct __attribute__((packed)) {
 #define set_int_lane(v, lane, value) (((int *)&(v))[lane] = (value))
 #endif
 
-/* Access the first `count` lanes alone, at the end of a row. Other lanes become `beyond`. */
+/* Load or store only the first `count` lanes, at the end of a row. Other lanes are loaded as `beyond`. */
 INLINED floatl load_first(global const float *from, int count, float beyond)
 {
     floatl v = beyond;
@@ -215,7 +215,7 @@ INLINED void store_first_bytes(intl v, global uchar *to, int count)
             to[lane] = int_lane(v, lane);
 }
 
-/* Writes the lanes whose bit is set to successive elements, without gaps. */
+/* Writes the lanes whose bits are 1 one after the other, without gaps. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__builtin_ia32_compresssf512_mask)
 INLINED void compress_lanes(float16 v, uint bits, global float *to)
@@ -234,7 +234,8 @@ INLINED void store_some(floatl v, uint bits, global float *to)
 }
 #endif
 
-/* With COUNTERS: a kernel's parameter, the argument to pass, and code that adds the number of true lanes of a mask. */
+/* With COUNTERS: a kernel's parameter, the argument to pass, and code that adds a mask's number of true lanes to a
+ * counter. */
 #if COUNTERS
 #define COUNTERS_PARAMETER(type) , global type *counters
 #define COUNTERS_ARGUMENT(type) counters
@@ -287,8 +288,8 @@ typedef struct __attribute__((packed)) {
 #define ZIP_LAST(a, b)                                                                                         \
     (float16)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7, a.sa, b.sa, a.sb, b.sb, a.se, b.se, a.sf, b.sf)
 
-/* Gathers a row of 4 floats for each lane, as 4 vectors. It reads whole rows and interleaves them, which is faster than
- * 4 gathers. */
+/* Gathers a row of 4 floats for each lane, as 4 vectors. Whole rows are read and interleaved, which is faster than 4
+ * gathers. */
 INLINED void gather_rows(global const float *rows, int16 at, float16 *columns)
 {
     global const UnalignedFour *all = (global const UnalignedFour *)rows;
@@ -353,8 +354,7 @@ INLINED void store_pairs(float first, float second, global float *pairs)
 }
 #endif
 
-/* Gathers 2 x 2 values for each lane: a value and the next one, and the two values that lie `below` values further
- * on. */
+/* Gathers 2 x 2 values for each lane: a value and the next one, and the two values `below` elements after these. */
 INLINED void gather_cells(global const float *values, int below, intl at, floatl *corners)
 {
     gather_pairs(values, at, &corners[0], &corners[1]);

@@ -1,6 +1,7 @@
 #ifndef LIB_LENS_H
 #define LIB_LENS_H
-/* Lens distortion with the models of `pyibr.Lens` (pyibr/core/lens.py): from a pinhole's pixels to the lens's. */
+/* Lens distortion with the models of `pyibr.Lens` (pyibr/core/lens.py): from a pinhole's pixels to the lens's
+ * pixels. */
 #include "lib/lanes.h"
 
 #ifndef LENS
@@ -10,7 +11,7 @@
 typedef struct {
     float fx, skew, cx, fy, cy; /* entries of K */
     float k[8];                 /* coefficients in the model's order, padded with 0 */
-    float reach;                /* the field of view's end, as an undistorted distance from the axis */
+    float reach;                /* greatest undistorted distance from the axis, at depth 1, in the field of view */
 } Lens;
 
 /* Maps the pinhole's pixels to the lens's pixels, in place. Returns the mask of lanes in the field of view; the other

@@ -4,7 +4,7 @@
  *
  * With SHADOWED, the kernel has SHADOW_PARAMETERS. shadow_maps: (maps * size, size) depth images from the light, one
  * below the other; NaN where empty. shadow_views: (maps, SHADOW_VIEW); for each map, 16 numbers of the matrix from the
- * world to the map's pixel space, row by row, and 4 numbers of the row for planar depth.
+ * world to the map's pixel space, row by row, and the 4 numbers of the matrix row that yields planar depth.
  */
 #include "lib/color.h"
 #include "lib/taps.h"
@@ -62,17 +62,17 @@ INLINED ToLight to_light(Light light, Vector p)
 }
 
 #if SHADOWED
-#define SHADOW_FILTER_RADIUS 1.0f /* texels: along each axis, the texels compared with a point are at most this far */
+#define SHADOW_FILTER_RADIUS 1.0f /* texels: greatest distance, along an axis, of the texels compared with a point */
 #define SHADOW_BIAS 0.5f /* texels by which a point is moved further along the normal */
 
 /* The visibility of the light from a point, 0 to 1. normal: the surface's normal there, of unit length.
  *
  * The point's depth is compared with the depths of four texels around it, and the four results are interpolated
- * (percentage-closer filtering, Reeves et al. 1987). On a map, a plane's nearness is linear. From one texel to the
- * next, it changes as if the plane were moved along its normal, by the texel's side in the world times the cosine
- * between side and normal. So a point that is moved along the normal by this distance lies in front of all four texels
- * of its own plane (docs/theory/shadows.md). SHADOW_BIAS makes up for curved surfaces and rounding. The shadow's `bias`
- * is for things that are drawn in slices: their maps are only as accurate as the slices' spacing.
+ * (percentage-closer filtering, Reeves et al. 1987). On a map, a plane's nearness is linear. Its change from one texel
+ * to the next is as if the plane moved along its normal, by the texel's side in the world times the cosine of the angle
+ * between side and normal. So a point of the plane, moved along the normal by this distance, lies in front of all four
+ * texels of the plane (docs/theory/shadows.md). SHADOW_BIAS makes up for curved surfaces and rounding. The shadow's
+ * `bias` is for things that are drawn in slices: their maps are only as accurate as the slices' spacing.
  */
 OUTLINED floatl visibility(Vector p, Vector normal SHADOW_PARAMETERS)
 {

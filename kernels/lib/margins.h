@@ -1,11 +1,11 @@
 #ifndef LIB_MARGINS_H
 #define LIB_MARGINS_H
-/* The margins of a surface: the parts of pixels next to depth edges that no triangle covers.
+/* The margins of a surface: at depth edges, the parts of pixels that no triangle covers.
  *
  * A sample is as large as its pixel, but at an edge the triangles of lib/surface.h end at the samples. Margins extend
  * the surface by half a pixel: each sample at a corner of an open triangle gets the part of the triangle that is
  * nearest to it. In a cell, a sample's margin is a quarter of its pixel; if one of the cell's triangles is closed, the
- * margin is only the part of this quarter beyond the diagonal.
+ * margin is only the part of this quarter on the open triangle's side of the diagonal.
  *
  * Margins are found once for each surface (picture/small_parts.cl). They are stored in MARGIN_PLANES rows of `pitch`
  * numbers, one margin per column.

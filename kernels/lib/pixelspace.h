@@ -6,7 +6,7 @@
  * which is 1/z for a perspective camera and -z for an orthographic one. Nearer points have greater nearness for both;
  * W > 0 in front of the camera. Straight lines stay straight, triangles stay planar, and the map from one camera's
  * pixel space to another's is one 4x4 matrix (McMillan's warp equation with depth; Schaufler & Priglinger
- * 1999, equation 2). The last column of that matrix is the epipole: the image of the other camera's centre.
+ * 1999, equation 2). The matrix's last column is the epipole: the second camera's image of the first camera's centre.
  */
 #define NO_SURFACE -1e37f /* nearness of an invalid sample */
 #define FREE_RAY -2e37f   /* nearness of a sample whose ray passes through empty space */

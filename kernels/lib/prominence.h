@@ -6,7 +6,7 @@
 
 #define PROMINENCE_BLOCK 16 /* samples of a row in a block; the greatest prominence of each block is stored */
 
-/* A packet of samples and the two nearest neighbours on each side */
+/* A packet of samples, and each sample's two nearest neighbours on each side */
 typedef struct {
     floatl here, left_1, left_2, right_1, right_2, above_1, above_2, below_1, below_2;
 } Neighbours;
@@ -62,7 +62,7 @@ INLINED Sides sides_of(Neighbours n)
 }
 
 /* The difference of nearness by which a sample stands out between sides a and b, seen from the front or from the back;
- * INFINITY if it is torn off on both sides */
+ * INFINITY if both sides are torn off */
 #define PROMINENCE(here, a, b, back)                                                                           \
     ((back) ? min_lanes((a).high, (b).high) - (here) : (here) - max_lanes((a).low, (b).low))
 #endif

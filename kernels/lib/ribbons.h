@@ -7,9 +7,9 @@
  * straight line to each neighbour that is not torn off, and covers a ribbon; if there is no such neighbour, it stays in
  * place (a dot). If the neighbour is not thin, the ribbon ends at the neighbour's middle.
  *
- * Ribbons never cover other samples: in the pixel of a third sample, a ribbon ends before it reaches the sample's
- * position. So a view from the image's own camera equals the image. A ribbon is planar: its nearness only changes along
- * the ribbon, and equals the samples' nearness at their positions.
+ * Ribbons never cover other samples: in the pixel of a sample that is not at its ends, a ribbon stops before it reaches
+ * the sample's position. So a view from the image's own camera equals the image. A ribbon is planar: its nearness only
+ * changes along the ribbon, and equals the samples' nearness at their positions.
  *
  * In the image, an oblique wire consists of runs along rows (or columns); the next run is one sample to the side. At
  * the end of a run, the squares' middles are moved by half a sample towards the next run, and by less the closer they
@@ -25,7 +25,7 @@
 #define RUN_MAX 32 /* greatest number of a run's samples that are read on each side; longer runs tilt by at most 1/60 */
 #define NEIGHBOURS 9     /* a sample's 3 x 3 neighbours, row by row, including itself */
 #define SELF 4   /* index of the sample itself */
-#define CLEARANCE 0.05f /* samples: greater than the cameras' rounding errors, and too small to be seen */
+#define CLEARANCE 0.05f /* in samples: greater than the cameras' rounding errors, and too small to be seen */
 
 /* A ribbon between the middles of two samples. */
 typedef struct {
@@ -67,8 +67,8 @@ int is_thin(Grid grid, int x, int y)
     return 1;
 }
 
-/* The end of the run through (x, y), in direction (dx, dy). Component x: the distance to it in samples. Component y: 1
- * or -1, the side to which the wire goes on with the next run; 0 if there is no next run. */
+/* The end of the run through (x, y), in direction (dx, dy). Component x: the distance to this end in samples. Component
+ * y: 1 or -1, the side to which the wire goes on with the next run; 0 if there is no next run. */
 float2 run_end(Grid grid, int x, int y, int dx, int dy)
 {
     const int aside_x = abs(dy), aside_y = abs(dx);
@@ -101,8 +101,8 @@ float2 middle_of(Grid grid, int x, int y)
     return along_x ? (float2)(x, y + aside) : (float2)(x + aside, y);
 }
 
-/* Tells whether there is a ribbon from thin sample (x, y) to the neighbour at offset (dx, dy). There is none to a
- * diagonal neighbour if two ribbons lead there around a corner. */
+/* Tells whether there is a ribbon from thin sample (x, y) to the neighbour at offset (dx, dy). No ribbon leads to a
+ * diagonal neighbour if two others lead to it around a corner. */
 int is_linked(Grid grid, int x, int y, int dx, int dy)
 {
     if (!joined(grid, x, y, x + dx, y + dy))
@@ -125,8 +125,8 @@ Ribbon ribbon_of(Grid grid, int x, int y, int neighbour)
     const float2 swept = (ribbon.ends ? convert_float2(to) : middle_of(grid, to.x, to.y)) - middle;
     ribbon.dx = swept.x;
     ribbon.dy = swept.y;
-    /* The gradient's direction: along the ribbon, unless this is nearly perpendicular to the line between the
-     * samples */
+    /* The gradient's direction: along the ribbon or, if that is nearly perpendicular to the line between the samples,
+     * along this line */
     const float2 along = dot(swept, way) > 0.25f ? swept : way, per_way = along / dot(along, way);
     const float rise = sample_at(grid, to.x, to.y) - ribbon.n;
     ribbon.part = dot(middle - convert_float2(from), per_way);
@@ -147,7 +147,7 @@ Ribbon numbered_ribbon(Grid grid, uint number)
 }
 
 /* Tells whether a point of a ribbon belongs to a third sample: the point lies in this sample's pixel, and is at least
- * as far from the ribbon's line as the sample, less CLEARANCE. p: the point, relative to the first middle */
+ * as far from the ribbon's line as this sample, less CLEARANCE. p: the point, relative to the first middle */
 int belongs_to_another(Ribbon ribbon, float2 p)
 {
     const float2 middle = (float2)(ribbon.x, ribbon.y), sample = rint(middle + p);

@@ -24,12 +24,12 @@ float drawn_nearness(Screen screen, float depth)
     return isnan(depth) ? EMPTY : DEPTH_OF(screen.perspective, depth);
 }
 
-/* The depth to draw. It is never 0, as this means an empty pixel: it could be 0 if an orthographic camera stands in the
- * scene. */
+/* The depth to draw. It is never 0, which means an empty pixel; DEPTH_OF may be 0 if an orthographic camera stands in
+ * the scene. */
 #define DRAWN_DEPTH(screen, nearness)                                                                          \
     fmin(fmax(DEPTH_OF((screen).perspective, nearness), NEAREST_DEPTH), FARTHEST_DEPTH)
 
-/* The point in the world that pixel (x, y) shows at nearness n, relative to the screen's origin */
+/* The point that pixel (x, y) shows at nearness n, in the coordinates that `to_world` yields */
 INLINED Vector point_at(Screen screen, floatl x, floatl y, floatl n)
 {
     const float *m = screen.to_world;

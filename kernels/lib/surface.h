@@ -9,14 +9,14 @@
  * are open: a ray that runs along the edge sees it. A cell is whole if both of its triangles are closed.
  *
  * A sample is as large as its pixel. So the image's samples are surrounded by a ring of further samples, in columns -1
- * and `width` and in rows -1 and `height`, and the surface ends half way to them, at the edges of the image's pixels
- * (picture/edges.cl). At depth edges, surfaces have margins (lib/margins.h). The last bits of samples store which
- * neighbours are torn apart.
+ * and `width` and in rows -1 and `height`, and the surface ends half way to the ring, at the edges of the image's
+ * pixels (picture/edges.cl). At depth edges, surfaces have margins (lib/margins.h). The last bits of samples store
+ * which neighbours are torn apart.
  */
 #include "lib/pixelspace.h"
 
-/* A Cut tears two samples apart by their nearness a >= b alone. (near_scale, far_scale, least) is (1, ratio, 0) if
- * nearness is 1/z, (1, 1, step) if it is -z, and (0, 0, 0) if no samples are torn apart. */
+/* A Cut decides by the nearness a >= b of two samples alone whether they are torn apart. (near_scale, far_scale, least)
+ * is (1, ratio, 0) if nearness is 1/z, (1, 1, step) if it is -z, and (0, 0, 0) if no samples are torn apart. */
 typedef struct {
     float near_scale, far_scale, least;
 } Cut;
@@ -30,11 +30,11 @@ typedef struct {
     int straight;
     int both; /* 1: neighbours are only torn if the surface does not continue and the Cut tears them, too */
     float noise[3];     /* noise explains differences of nearness n up to noise[0] + noise[1] n + noise[2] n^2 */
-    float per_pixel[3]; /* greatest change on surfaces that face the camera, along rows, columns and diagonals: */
-    int perspective;    /* as a fraction of nearness if this is 1, otherwise as a difference of nearness */
+    float per_pixel[3]; /* greatest change on surfaces that face the camera, along rows, columns, diagonals: */
+    int perspective;    /* 1: per_pixel holds fractions of nearness; 0: differences of nearness */
 } EdgeTest;
 
-#define NOISE_DEVIATIONS 5.656854f /* 4 sqrt(2): noise explains differences below this many deviations of a sample */
+#define NOISE_DEVIATIONS 5.656854f /* standard deviations of a sample (4 sqrt(2)): noise explains smaller differences */
 
 /* The test with the noise that picture/noise.cl has found */
 EdgeTest with_noise(EdgeTest test, global const float *noise)
@@ -66,8 +66,8 @@ typedef struct {
 #define TORN_ALL 7
 #define MISSING_SAMPLE as_float(as_int(NO_SURFACE) | TORN_ALL)
 
-/* Masks of the cells whose lower triangle (with the cell's first sample), upper triangle (with the last sample) is
- * open */
+/* Masks of cells with an open triangle. LOWER: the triangle with the cell's first sample; UPPER: with the last
+ * sample */
 #define IS_LOWER_OPEN(q00) ((as_intl(q00) & TORN_ALL) != 0)
 #define IS_UPPER_OPEN(q00, q10, q01)                                                                               (((as_intl(q00) & TORN_DIAGONAL) | (as_intl(q10) & TORN_BELOW) | (as_intl(q01) & TORN_RIGHT)) != 0)
 
@@ -76,8 +76,8 @@ typedef struct {
 
 #define NEAREST 1e-30f /* smaller depths are invalid: their nearness would overflow in products */
 
-/* Source pixels: a ray that passes this close to a sample sees only this sample. A ray that stays this close to a row,
- * a column or a diagonal of samples sees only the edges between these samples. */
+/* In source pixels: a ray that passes this close to a sample sees only this sample. A ray that stays this close to a
+ * row, a column or a diagonal of samples sees only the edges between these samples. */
 #define ON_SAMPLES 1e-3f
 
 /* The sides of a surface that are shown. The front faces the source camera. */

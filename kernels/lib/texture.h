@@ -42,7 +42,7 @@ INLINED void add_texels(global const uint *texels, floatl u, floatl v, intl star
 intl level_of_texels(floatl texels_2, int level_count)
 {
     const floatl finite = select_lanes(isfinite_lanes(texels_2), max_lanes(texels_2, (floatl)1.0f), (floatl)1.0f);
-    const intl doublings = (as_intl(finite) >> 23) - 127; /* its log2, rounded down */
+    const intl doublings = (as_intl(finite) >> 23) - 127; /* log2(texels_2), rounded down */
     return min(doublings >> 1, (intl)(level_count - 1));
 }
 #endif

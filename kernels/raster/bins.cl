@@ -75,7 +75,7 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
         low_y = select_lanes(before, min_lanes(y[k], low_y), low_y);
         high_y = select_lanes(before, max_lanes(y[k], high_y), high_y);
     }
-    if (any_lane(some & !all)) /* adds where edges cross the near plane; seldom, so corners are read again */
+    if (any_lane(some & !all)) /* adds points of edges on the near plane; rare, so corners are read again */
         for (int k = 0; k < CORNERS; k++)
             for (int l = 0; l < CORNERS; l++) {
                 const ProjectedCorner from = corner_of(corners, projected, index, k),

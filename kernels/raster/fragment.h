@@ -19,7 +19,7 @@
     global const float *projected, global const int *list, global const int *starts, int bins_x,               \
         Screen screen, float nearest_w
 
-/* Primitives that may be visible in a bin, of all meshes or some: list[first] to list[last - 1] */
+/* Primitives that may be visible in a bin, of all meshes or of some: list[first] to list[last - 1] */
 typedef struct {
     global const int *list;
     int first, last;
@@ -46,8 +46,8 @@ OUTLINED int begin_listed(Region *region, const Picture *picture, BinList listed
     return any;
 }
 
-/* Sets the list, and begins the region, of this work-item in a launch with a work-item for each region. Returns 0 if
- * there is nothing to draw, else 1. */
+/* In a launch with a work-item for each region, sets this work-item's list and begins its region. Returns 0 if there is
+ * nothing to draw, else 1. */
 INLINED int begin_item(Region *region, const Picture *picture, global const int *list, global const int *starts,
                        int bins_x, BinList *listed)
 {

@@ -128,7 +128,7 @@ INLINED void begin_in_picture(Region *region, const Picture *picture, int x, int
 }
 
 #if LANES == 16
-/* Writes a row of a block, 4 pixels together: vstores of bytes would go one by one. */
+/* Writes a row of a block, 4 pixels together: vstore4 would store byte by byte. */
 #define WRITE_ROW(at, l, a, b, c, d)                                                                           \
     {                                                                                                          \
         vstore4(z.l, 0, picture->depth + (at));                                                                \
@@ -178,7 +178,7 @@ OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, i
         const long at = pixel_of(picture->screen, x, y, lane);
         const int is_mine = int_lane(mine, lane) != 0, blank = picture->blank;
         if (at < 0 || !(is_mine || blank) || (!blank && float_lane(z, lane) >= picture->depth[at])) {
-            set_int_lane(mine, lane, 0); /* also at equal depths: conversion from depth to nearness and back rounds */
+            set_int_lane(mine, lane, 0); /* hidden, even at equal depths: conversion to nearness and back rounds */
             continue;
         }
         picture->depth[at] = float_lane(z, lane);
@@ -206,7 +206,7 @@ INLINED intl write_block(const Region *region, int block, const Picture *picture
     return write_single_pixels(picture, z, mine, x, y, shade);
 }
 
-/* Enters a block's `written` pixels into the G-buffer. normal: encoded as in images */
+/* Enters a block's `written` pixels into the G-buffer. normal: as a colour 0.5 + 0.5 (x, y, z) */
 INLINED void enter_block(GBuffer gbuffer, intl written, const Region *region, int block, const Picture *picture,
                          Color normal)
 {

@@ -10,7 +10,8 @@
 #include "lib/screen.h"
 #include "raster/region.h"
 
-/* Values of `culled`: the sign of the area of triangles that are not drawn. Areas are positive seen from behind. */
+/* Values of `culled`: the sign of the area of triangles that are not drawn. Triangles seen from behind have positive
+ * areas. */
 #define CULLS_NONE 0
 #define CULLS_BACKS 1
 #define CULLS_FRONTS -1
@@ -169,7 +170,7 @@ INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, 
         }
     }
     /* A triangle with moved corners may cover a pixel outside the original triangle. There a steep plane leaves the
-     * corners' range of nearness. */
+     * corners' range of nearness, so nearness is clamped. */
     const floatl plane = float_lane(t->n_x, lane) * x + (float_lane(t->n_y, lane) * y + float_lane(t->n_0, lane));
     *nearness = clamp_lanes(plane, (floatl)float_lane(t->n_low, lane), (floatl)float_lane(t->n_high, lane));
     return covered;

@@ -17,14 +17,14 @@ typedef struct {
     floatl first[BLOCKS], second[BLOCKS]; /* nearness of the two nearest entries that have not been searched yet */
     intl entered[BLOCKS];                 /* triangle of the first of these entries, -1: none */
     floatl searched[BLOCKS];              /* nearness of the entry that was searched last */
-    intl searched_triangle[BLOCKS];       /* its triangle */
+    intl searched_triangle[BLOCKS];       /* this entry's triangle */
     floatl t[BLOCKS];                     /* distance from the entry to the hit, in scene units */
     floatl share[BLOCKS];                 /* fraction of the quadric's curvature in the depths that led to the hit */
     intl escaped[BLOCKS];                 /* the ray from the first entry came out of its quadric without a hit */
     floatl exit[BLOCKS];                  /* nearness of the back through which the ray leaves the mesh; EMPTY: none */
     intl exit_triangle[BLOCKS];
 #if WALKS
-    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* second and third corner's weights at the point above the hit */
+    floatl foot_second[BLOCKS], foot_third[BLOCKS]; /* second and third corner's weights, on the mesh above the hit */
 #endif
 } Layers;
 

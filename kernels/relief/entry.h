@@ -17,7 +17,7 @@
 #define LINEAR 0
 #define SAFE 1
 #define FLAT_MAX 1e-5f       /* curvature times the relief's depth: surfaces with less count as planes */
-#define COSINE_MIN 1e-3f     /* least cosine of the ray and the normal: at outlines, normals may point away */
+#define COSINE_MIN 1e-3f     /* least cosine between the ray and the normal: at outlines, normals may point away */
 
 typedef struct {
     global const int *faces;
@@ -61,7 +61,7 @@ INLINED void tangents_of(const Entry *e, Vector *x, Vector *y)
     *y = cross_product(e->normal, *x);
 }
 
-/* The quadric's bilinear form of two directions; if they are equal, it is a x^2 + b y^2 + c x y. */
+/* The quadric's bilinear form of two directions; for equal directions, a x^2 + b y^2 + c x y. */
 INLINED floatl quadric_form(const Entry *e, floatl x, floatl y, floatl other_x, floatl other_y)
 {
     return e->a * x * other_x + e->b * y * other_y + 0.5f * e->c * (x * other_y + y * other_x);

@@ -3,8 +3,8 @@
 /* Layers of a relief: the fragment program that finds the relief in a region's pixels (Oliveira & Policarpo 2005).
  *
  * A pixel's ray may enter the relief, come out again at a silhouette and enter elsewhere. So a ray is searched in
- * layers, one for each entry, from the nearest entry on, as long as the next entry is nearer than the ray's hit. All
- * lanes of a block search together, even if their rays enter through different triangles.
+ * layers: from the nearest entry, then from the next, as long as that entry is nearer than the ray's hit. All lanes of
+ * a block search together, even if their rays enter through different triangles.
  *
  * With exact distances rays walk below the mesh (walk.h). With other distances, a ray that comes out of the relief
  * without a hit, above the quadric of its entry, has escaped. It is searched once more, up to the back face where it
@@ -14,7 +14,7 @@
 #include "relief/entries.h"
 #include "relief/walks.h"
 
-#define ARC_PARTS 16 /* equal parts of a ray below the mesh; the deepest of their ends is found */
+#define ARC_PARTS 16 /* equal parts of a ray below the mesh; the deepest end of a part is found */
 #define BOTTOM_TOLERANCE 1e-3f /* fraction by which estimated depths grow, so that rays reach the bottom */
 
 /* A ray is below the mesh from its entry, where its depth grows by `first_slope` per scene unit, to a back `distance`
@@ -36,7 +36,7 @@ INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope
     return depth;
 }
 
-/* Changes the depths of escaped rays, which leave the mesh `distance` behind their entries, wherever the cubic of
+/* Changes the depths of escaped rays, which leave the mesh `distance` behind their entries, if the cubic of
  * deepest_between reaches deeper than the depth below the quadric. The new depth is a parabola through the point where
  * the cubic is at the bottom, or deepest. It begins with the ray's slope, or a lower slope. Returns which rays are
  * changed; share: set to the fraction of the quadric's curvature that remains */

@@ -1,17 +1,17 @@
 /* Relief mapping on a mesh, with true silhouettes and depth (Oliveira & Policarpo 2005).
  *
  * A pixel's ray enters the relief at the mesh. There the vertices' frames and quadrics are interpolated, and the ray is
- * followed in texture space (search.h) until it meets the relief, or comes out again at a silhouette. It may then
+ * followed in texture space (search.h) until it meets the relief, or comes out again at a silhouette. The ray may then
  * enter the relief elsewhere (layers.h).
  *
- * If the eye is below the mesh, within the relief, rays from it have no entry. Then, with WITHIN, rays walk from the
- * eye, which is below `eye_triangle`, to where they leave the mesh.
+ * If the eye is below the mesh, within the relief, its rays have no entry. Then, with WITHIN, rays walk from the eye,
+ * which is below `eye_triangle`, to where they leave the mesh.
  *
  * Deviations from the paper: safe steps (search.h). A ray that comes out of the relief above its quadric, but has not
  * left the mesh, is searched once more, with depths estimated from the mesh (layers.h). Gradients of u and v replace
  * tile sizes, as they are also valid where u and v are not at right angles. The normal follows the quadric. On curved
- * surfaces, the paper replaces the second search for shadows by the light's map; here it uses the quadric of the
- * point's entry.
+ * surfaces, the paper replaces the second search for shadows by the light's map; here the second search uses the
+ * quadric at the entry of the pixel's ray.
  *
  * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, with fronts, and with backs if quadrics are
  * curved. texels, bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3) with

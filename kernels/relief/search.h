@@ -3,11 +3,11 @@
 /* First hit of a ray (ray.h) on a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  * The surface lies at depth 1 - height.
  *
- * texels: lib/heights.h. bounds: a maximum mipmap (Tevs et al. 2008), in 1/65535, two numbers in each word. Tier 0
- * holds the greatest height in each cell between 2x2 texels, tier 1 the greatest height in 2x2 cells, and so on.
+ * texels: lib/heights.h. bounds: a maximum mipmap (Tevs et al. 2008), in 1/65535, two 16-bit numbers in each uint. Tier
+ * 0 holds the greatest height in each cell between 2x2 texels, tier 1 the greatest height in 2x2 cells, and so on.
  * BOUND_AT gives the index of a bound. levels: (levels, LEVEL_INTS) for each mip level: its width, its height, its
- * start in texels; the number of tiers of its bounds, their start, log2 of their rows' length, their span (BOUND_AT);
- * last, the largest difference between its heights and the finest level's, in 1/65535.
+ * start in texels; the number of tiers of its bounds, their start, log2 of their rows' length, their span (for
+ * BOUND_AT); last, the largest difference between its heights and the finest level's, in 1/65535.
  */
 #include "lib/heights.h"
 #include "relief/ray.h"
@@ -23,7 +23,7 @@
 #define FIRST_TIER 2     /* tier where a safe search starts */
 #define NUDGE 1e-3f      /* texels by which a place is moved ahead, into the cell that the ray enters */
 #define FAR_SIDE 1e9f    /* texels: stands for the missing side of a cell that extends beyond a clamped map */
-#define AXIS_PARALLEL 1e-4f      /* texels: a ray that moves less along an axis counts as at right angles to the axis */
+#define AXIS_PARALLEL 1e-4f      /* texels: a ray that moves less along an axis counts as not moving along it */
 
 /* A ray on its level of the map: (x, y) + (dx, dy) t */
 typedef struct {
@@ -103,7 +103,8 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
 }
 
 /* The paper's search: up to `steps` equal steps, then `halvings` bisections of the step that reached the surface.
- * Arrays outside `searches` keep its variables in registers. count: number of searches, a compile-time constant */
+ * Arrays outside `searches` keep the loops' variables in registers. count: number of searches, a compile-time
+ * constant */
 INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
     floatl step[INTERLEAVED], before[INTERLEAVED];
@@ -197,7 +198,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
     const intl width = s->track.map.width, height = s->track.map.height, tier = s->tier;
     const Track *k = &s->track;
     const floatl t = s->t;
-    /* The cell of the map in which the ray is just behind t */
+    /* The cell of the map that contains the ray's point just behind t */
     const floatl inside = t + s->nudge;
     const floatl at_x = k->x + inside * k->dx, at_y = k->y + inside * k->dy;
     const floatl dx = k->dx, dy = k->dy;

@@ -14,7 +14,7 @@ typedef struct {
     Vector ahead, point;
     Vector normal; /* the quadric's normal */
     Vector from_entry; /* from the entry to the point; with exact distances, from the base right above the point */
-    floatl below;      /* depth below the base, in scene units */
+    floatl below;      /* depth below the base (where depth is 0), in scene units */
 } ShadingPoint;
 
 /* Converts a gradient on the base, (x, y) in its frame, to the parallel surface at the depth `below`. Where the base
@@ -45,7 +45,8 @@ INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 }
 
 /* The shading point's normal, tilted by the rises of the heights over a texel along u and along v, in HEIGHT_UNITs.
- * Slopes are measured on the surface through the point that is parallel to the base. The result has no unit length. */
+ * Slopes are measured on the surface that is parallel to the base and contains the point. The result is not a unit
+ * vector. */
 INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *e, floatl across, floatl down,
                                       float scale, int quadric)
 {
@@ -129,7 +130,7 @@ INLINED Vector relief_normal_by_map(Vector normal, const Entry *e, Vector part)
 {
     Vector x, y;
     tangents_of(e, &x, &y);
-    /* v may run against y */
+    /* v may run in the direction of -y */
     const floatl across = select_lanes(DOT(e->along_v, y) < 0.0f, (floatl)-1.0f, (floatl)1.0f) * part.y;
     return normalized(plus_scaled(combined(part.z, normal, part.x, x), across, y));
 }

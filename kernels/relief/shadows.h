@@ -5,9 +5,9 @@
 #include "relief/shading_point.h"
 
 /* Values of hidden_by */
-#define MAPPED 0   /* the light's map decides; in its shadows on a base that is not flat, the search decides */
-#define SEARCHED 1 /* the second search decides, and where the light's ray leaves the relief, the map */
-#define LIFT 1e-3f /* fraction of the relief's depth by which the point is raised, so that the search does not hit it */
+#define MAPPED 0   /* the light's map decides; but where it shows shadow on a base that is not flat, the search */
+#define SEARCHED 1 /* the second search decides, and the map at the place where the light's ray leaves the relief */
+#define LIFT 1e-3f /* fraction of the relief's depth by which the point is raised, so that the search misses it */
 
 #if SHADOWED
 /* The ray from a point of the relief to the light, within the relief around the point */
@@ -93,12 +93,12 @@ intl is_shadowed(const Relief *relief, const LightRay *light, intl wanted)
 /* The visibility of the light from a point of the relief, 0 to 1. own: the relief's normal there; faces: lanes that
  * face the light; hidden_by: MAPPED or SEARCHED; flat_base: 1 if all rays find the relief in the same place.
  *
- * The light's map is drawn with the light's rays, and the normals and quadrics at their entries. Where the base is
- * curved, or has facets, these rays hit the relief at other places than the picture's rays, and the relief would shade
- * itself. The same would happen below an edge that juts out, where the light's rays enter on one side of the edge and
- * the picture's rays on the other. So the second search decides whether the relief around the point occludes the light,
- * and the map decides at the place where the light's ray leaves the relief. For a ray that never leaves the relief
- * below the quadric, as along a saddle, the map alone decides. */
+ * The light's map is drawn with the normals and quadrics at the entries of the light's rays. Where the base is curved,
+ * or has facets, these rays hit the relief at other places than the picture's rays, and the relief would shade itself.
+ * The same would happen below an edge that juts out, where the light's rays enter on one side of the edge and the
+ * picture's rays on the other. So the second search decides whether the relief around the point occludes the light, and
+ * the map decides at the place where the light's ray leaves the relief. For a ray that never leaves the relief below
+ * the quadric, as along a saddle, the map alone decides. */
 INLINED floatl in_sight(const Relief *relief, const Entry *e, const ShadingPoint *shading, Vector own, Light light,
                         intl faces, int hidden_by, int flat_base SHADOW_PARAMETERS)
 {

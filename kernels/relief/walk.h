@@ -8,11 +8,11 @@
  * to prism, one leg in each, until it leaves a prism at the bottom, at the mesh, or at a border of the mesh.
  *
  * The points of a prism at one depth form a triangle, the section at this depth, which a ray crosses once. So within a
- * prism, the depth determines the ray's point. This point and a side of the section form a triangle. The areas of the
- * three triangles, seen along the ray and divided by their sum, are the corners' weights. Each area is a polynomial of
- * degree two in the depth; the ray leaves through the side whose area first becomes 0. The ray sinks where it meets
- * sections from the front, and rises where it meets them from behind. Two neighbouring prisms compute the same area for
- * their common side, so no ray is lost between them.
+ * prism, the depth determines the ray's point. With each side of the section, this point forms a triangle. The areas of
+ * these three triangles, seen along the ray and divided by their sum, are the corners' weights. Each area is a
+ * polynomial of degree two in the depth; the ray leaves through the side whose area first becomes 0. The ray sinks
+ * where it meets sections from the front, and rises where it meets them from behind. Two neighbouring prisms compute
+ * the same area for their common side, so no ray is lost between them.
  *
  * Deeper than a centre of curvature, prisms are inside out and overlap others. Depth is continuous there, too: the walk
  * goes backwards along the ray, and comes out on the other side of a sharp bend.
@@ -25,7 +25,7 @@
 #include "relief/entry.h"
 
 #define PRISM_FLOATS 28
-#define LEGS_MAX 512    /* legs of a ray: most take less than ten */
+#define LEGS_MAX 512    /* most legs of a ray; nearly all rays take less than ten */
 #define LEAST 1e-30f    /* least divisor */
 #define SHORTEST 1e-18f /* scene units: shorter legs count as this long in divisions */
 #define UNEVEN 0.2f     /* fraction of a leg: the ray has its mean depth at most this far from the leg's middle */
@@ -45,7 +45,8 @@ typedef struct {
     floatl sign; /* 1 if the ray sinks, or -1 */
 } SideAreas;
 
-/* A ray's crossing with a section: the weights of its second and third corner, and the distance from the entry */
+/* A ray's crossing with a section: the weights of the section's second and third corner, and the distance from the
+ * entry */
 typedef struct {
     floatl second, third, distance;
 } Crossing;
@@ -174,10 +175,11 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Sets `side` to the sides through which rays leave their prisms. Returns the amount by which depths change before. */
+/* Sets `side` to the sides through which rays leave their prisms. Returns the amount by which depths change before
+ * that. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
-    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to its end */
+    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */
     floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED
@@ -235,7 +237,7 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
 }
 
 /* Sets up a walk's next leg, and the ray that is searched on it. The ray's depth is a parabola, which is exact at the
- * leg's ends and where the depth is the mean of the depths there; u and v are linear, as they hardly curve in a
+ * leg's ends and where the depth is the mean of the ends' depths; u and v are linear, as they hardly curve in a
  * prism. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {

@@ -64,8 +64,8 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
     }
 }
 
-/* Walks from the nearest entries of INTERLEAVED blocks that were not searched yet. Returns whether there are further
- * entries to search. */
+/* For INTERLEAVED blocks, walks from each pixel's nearest entry that was not searched yet. Returns whether there are
+ * further entries to search. */
 static int walk_layer(const Context *context, int block, Region *region)
 {
     const Screen screen = context->relief.screen;

@@ -1,11 +1,12 @@
 /* Computes the surface of a depth image between its samples, as a map (records.h), for objects from images.
  *
- * An image knows its surface only at its samples. A bilinear surface between them would cut off details that protrude
- * there, and each further image would cut off more. So at a crease, the surface reaches to where the planes through the
- * samples on both sides meet, and at a depth edge it continues with its slope.
+ * An image knows its surface only at its samples. If the surface were bilinear in between, protruding details would be
+ * cut off, and each further image would cut off more. So at a crease, the surface reaches to where the planes through
+ * the samples on both sides meet, and at a depth edge it continues with its slope.
  *
- * depth: (height, width). maps: from `start` on, (2, height, width) nearness and cells, with bits. Work-item:
- * STRIP * LANES samples of a row, each the first of its cell. Cost: O(samples). Determinism: cells are independent.
+ * depth: (height, width). maps: from `start` on, (2, height, width) the samples' nearness, then cells. Work-item:
+ * STRIP * LANES samples of a row, each the upper left of its cell. Cost: O(samples). Determinism: cells are
+ * independent.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
@@ -16,9 +17,9 @@
 #define RISE_MAX 2.0f  /* greatest depth by which a surface may be nearer than its samples */
 #define NOTHING (1.0f / 64) /* lower creases are ignored */
 /* In other units: */
-#define ROUND 0.375f   /* times the bend beside a crease is subtracted from the crease: so much is roundness */
+#define ROUND 0.375f   /* fraction of the bend next to a crease by which the crease is lowered, as roundness */
 #define FALL 1e30f     /* stands for the difference in nearness to a neighbour that is not solid */
-#define LINE 6         /* number of samples in line with a cell's side that are read */
+#define LINE 6         /* number of samples that are read on the line through a cell's side */
 #define FIRST 2        /* index of the side's first sample in this line */
 
 typedef struct {
@@ -60,14 +61,14 @@ INLINED floatl size_of_sample(CellImage image, floatl nearness)
     return image.perspective ? nearness * image.per_sample : (floatl)image.per_sample;
 }
 
-/* A cell's side. first, last: the surface's rise in nearness from the sample outside each end of the side to this end;
- * crease: by how much nearness a crease lies above the side, or 0; sharp: by how much more the surface bends
+/* A cell's side. first, last: the surface's rise in nearness from the next sample beyond each end of the side to this
+ * end; crease: by how much nearness a crease lies above the side, or 0; sharp: by how much more the surface bends
  * at the side than beside it */
 typedef struct {
     floatl first, last, crease, sharp;
 } CellSide;
 
-/* line: the samples in line with the side; the two at the side's ends are in the middle */
+/* line: the samples on the line through the side; the side's two ends are in the middle */
 INLINED CellSide side_beside(CellImage image, const CellSample *line)
 {
     floatl change[LINE - 1], bend[LINE];
@@ -85,8 +86,8 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     /* The lines through the two samples on either side meet this far above the side, in nearness. */
     const floatl left = bend[2], right = bend[3];
     const floatl height = left / max_lanes(left + right, (floatl)1e-30f) * right;
-    /* A round surface bends by the same beside the side. It rises above its chord by an eighth of this bend, not by
-     * half of it as a crease does. */
+    /* A round surface bends as much at the next sides on this line. It rises above its chord by an eighth of this bend,
+     * and a crease by a half. */
     const floatl around = min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
                                     select_lanes(joined[3], bend[4], (floatl)FALL));
     const intl known = joined[2] & (min_lanes(left, right) < FALL);

@@ -1,11 +1,12 @@
 /* Objects from images: the intersection of the images' volumes, drawn by slices (Kautz & Seidel 2001, sections 4 and
  * 5).
  *
- * A pixel's ray is clipped to the object's box, and walks the slices there from front to back. It stops at the first
- * point that passes the test of every view: the point lies behind the surface of the view's depth image
+ * A pixel's ray is clipped to the object's box, and walks the slices in the box from front to back. It stops at the
+ * first point that passes the test of every view: the point lies behind the surface of the view's depth image
  * (SILHOUETTES 0), or inside the view's silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with
- * creases between samples. Where a background sample follows, the surface ends half-way to it, like the outline of a
- * mask, or farther out in objects with many views (`outline`). Samples of unknown depth are as near as the box reaches.
+ * creases between samples. Next to a background sample, the surface ends half-way to this sample, like the outline of a
+ * mask, or farther out in objects with many views (`outline`). Samples of unknown depth count as points at the box's
+ * front.
  *
  * Deviations from the paper: each pixel's ray is intersected with the slices, which are not drawn as polygons, so the
  * stencil passes become one loop. `halvings` bisections move a hit from its slice closer to the surface. With
@@ -33,7 +34,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
             int visible /* 1: colours come from views that see the points, if there are any */,
             int unknown /* 1: a point that projects outside a view's image passes its test */,
             float outline /* where views' surfaces end: surface_at() */,
-            float sample /* scene units between the coarsest view's samples in the middle of the box */,
+            float sample /* distance of the coarsest view's samples in the middle of the box, in scene units */,
             float stride /* change of depth in the first step from a hit forward to a view's surface */,
             int low_x, int low_y COUNTERS_PARAMETER(int)
 #if RIBBONS

@@ -2,8 +2,8 @@
 #define SLICING_PRISMS_H
 /* Prisms of a displacement volume, set up for a region of pixels (Kautz & Seidel 2001, section 3).
  *
- * A prism's frame has its origin at the first corner of the base triangle. Its axes lead to the second corner, to the
- * third corner, and along the triangle's normal, as far as the displacement. Coordinates in the frame, the prism's
+ * A prism's frame has its origin at the first corner of the base triangle. Its axes are the vectors to the second and
+ * third corner, and one along the triangle's normal, as long as the displacement. Coordinates in the frame, the prism's
  * bounding planes and the numbers of planar slices are each a `Quantity`. prism_rays.h turns coordinates in the frame
  * into a height and weights of the corners. For each prism, this file chooses one of the triangle's slicing directions
  * (section 3.2). Arrays: surface.cl.
@@ -14,8 +14,8 @@
 #include "slicing/rays.h"
 
 /* The alpha test (sections 3.1 and 3.2): alpha is the map's value, h the height of the tested point, both 0 to 1 */
-#define AT_LEAST 0 /* alpha >= h: the inside is filled, the base drawn (Dietrich) */
-#define BAND 1     /* h <= alpha < h + band: gaps open between samples that differ by more (Schaufler) */
+#define AT_LEAST 0 /* alpha >= h: the inside is filled, and the base is drawn (Dietrich) */
+#define BAND 1     /* h <= alpha < h + band: gaps open between samples that differ by more than the band (Schaufler) */
 #define INSIDE 2   /* alpha > h: where alpha is 0 there is nothing (Kautz & Seidel) */
 
 #define STEADY_PARTS 12.0f /* most slices per pixel width along a ray, where few slices would miss thin parts */
@@ -45,9 +45,9 @@ typedef struct {
     global int *counters;
 } Context;
 
-/* A number that depends on a point's pixel (px, py) and nearness: x px + y py + one + n * nearness, in a perspective
- * picture times the depth. Along a ray it is linear in depth (`Linear`). In a perspective picture, `fixed` is the same
- * for all pixels; in an orthographic picture, `sloped` is. */
+/* A number that depends on a point's pixel (px, py) and nearness: x px + y py + one + n * nearness, multiplied by the
+ * depth in a perspective picture. Along a ray it is linear in depth (`Linear`). In a perspective picture, `fixed` is
+ * the same for all pixels; in an orthographic picture, `sloped` is. */
 typedef struct {
     float x, y, one, n;
 } Quantity;
@@ -73,7 +73,7 @@ typedef struct {
     Bend bend;
     float u, v, u_second, v_second, u_third, v_third; /* u, v at the first corner; differences at the other corners */
     Quantity sides[PRISM_PLANES]; /* nearness at which a pixel's ray crosses each plane */
-    int leaves[PRISM_PLANES];     /* whether the ray leaves the prism there, on its way to the camera */
+    int leaves[PRISM_PLANES];     /* whether a ray towards the camera leaves the prism there */
 #if BLOCK > 1
     Quantity outline[OUTLINES_MAX]; /* positive at the first pixel of a block that may show the prism */
     int outlines;
@@ -83,7 +83,7 @@ typedef struct {
     int index, perspective, crosses; /* crosses: the near plane cuts the prism */
     int by_height;         /* 1: a slice has the same height everywhere; 0: slices are planes */
     float count;           /* number of slices through the displacement, with by_height */
-    float spacing, band;   /* distance between its slices, scene units; `band` of the test BAND, > 0 */
+    float spacing, band;   /* distance between slices, scene units; `band` of the test BAND, > 0 */
     float height_rounding; /* rounding error of heights, as a fraction of the displacement */
     float share_rounding;  /* rounding error of barycentric weights; at least height_rounding */
     float slice_rounding;  /* rounding error of slice numbers; at least SLICE_ROUNDING */
@@ -235,13 +235,13 @@ void set_planes(Prism *t, const Quantity *rows, global const float *tilts)
     }
 }
 
-/* Sets where rays cross each bounding plane, moved outwards by `grown`. Sets the prism's outline in the picture: lines
- * where a plane through which rays enter meets a plane through which they leave. */
+/* Moves the bounding planes outwards by `grown`, and sets where rays cross each of them. Sets the prism's outline in
+ * the picture: lines where a plane through which rays enter meets a plane through which they leave. */
 void bound_sides(Prism *t, float grown)
 {
     for (int k = 0; k < PRISM_PLANES; k++) {
         const Quantity row = t->sides[k];
-        const float n = fabs(row.n) > 1e-30f ? row.n : 1e-30f; /* seen edge-on */
+        const float n = fabs(row.n) > 1e-30f ? row.n : 1e-30f; /* 0: seen edge-on */
         t->sides[k] = (Quantity){-row.x / n, -row.y / n, -(row.one + grown) / n, 0.0f};
         t->leaves[k] = n < 0.0f;
     }
@@ -272,7 +272,7 @@ float3 direction_at(Screen screen, float x, float y)
 void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 view, const float3 *base, float3 across,
                 float first_depth)
 {
-    int direction = 0; /* a */
+    int direction = 0; /* direction a */
     float3 d = vload3(t->index * 3, context->frames);
     float facing = fabs(dot(d, view)); /* cosine times the length of `view` */
     if (context->slicing == ORTHOGONAL) /* the direction that faces the viewer most */
@@ -336,7 +336,7 @@ static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t
         if (box.x > box.y || box.z > box.w)
             return empty;
     }
-    /* The frame's corners in the picture: the triangle's, and one above the first. */
+    /* The frame's corners in the picture: the triangle's three, and a fourth above the first. */
     const float3 across = vload3(index * 3, context->frames) * (context->spacing * context->slices);
     const float *m = context->screen.from_world;
     float up_row[4]; /* `across` in pixel space */

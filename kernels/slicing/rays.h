@@ -1,6 +1,6 @@
 #ifndef SLICING_RAYS_H
 #define SLICING_RAYS_H
-/* Quantities that are linear along a pixel's ray, and bounds on the spacing of its slices. */
+/* Quantities that are linear along a pixel's ray, and limits for the number of slices. */
 #include "lib/lanes.h"
 
 /* The value at the ray's depth z: fixed + sloped z */
@@ -8,7 +8,7 @@ typedef struct {
     floatl fixed, sloped;
 } Linear;
 
-/* If the picture chooses the number of slices: */
+/* If the number of slices depends on the size of pixels: */
 #define SLICES_MAX 4096     /* most slices through an object or a displacement */
 #define SLICES_STEADY 256   /* this many slices through a displacement miss few thin parts, even if pixels are wide */
 #define HALVINGS_MAX 24     /* most bisections of the interval between two slices: float32 resolves no more */

@@ -3,8 +3,8 @@
 /* Normals of surfaces drawn by slices, and the footprint of a pixel on them.
  *
  * Slopes of heights are measured on the slice through the point, a triangle with all corners at the point's height
- * above the base. Where the base has curvature k, the slice at distance d above the base is longer by the factor 1 + k
- * d, so the same heights are less steep there.
+ * above the base. Where the base has curvature k, lengths on the slice at distance d above the base are 1 + k d times
+ * as long, so the same heights are less steep there.
  */
 #include "lib/footprint.h"
 #include "lib/light.h"

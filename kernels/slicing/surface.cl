@@ -1,10 +1,10 @@
 /* Displacement mapping by slices (Kautz & Seidel 2001, section 3).
  *
  * Each triangle of the base mesh, extruded along its corners' normals, is a prism. A prism's slice at a height is a
- * triangle with the base triangle's u and v. The height of a ray's point, and its corners' weights, follow from a cubic
- * (prism_rays.h). Either each slice has one height, and heights are evenly spaced (direction a), or slices are planes
- * at equal distances. A pixel's ray walks the slices that it meets from front to back, and stops where the alpha test
- * passes.
+ * triangle with the base triangle's u and v. The height of a ray's point, and the corners' weights there, follow from a
+ * cubic (prism_rays.h). Either each slice has one height, and heights are evenly spaced (direction a), or slices are
+ * planes at equal distances. A pixel's ray walks the slices that it meets from front to back, and stops where the alpha
+ * test passes.
  *
  * UNCLIPPED: slices parallel to the screen are tested in the whole box of each prism, not only inside the prism.
  *
@@ -47,7 +47,7 @@ INLINED intl is_in_prism(const Prism *t, Place place)
     return min_lanes(shares, place.h) >= -t->share_rounding;
 }
 
-#define RUN (UNCLIPPED ? 2 : 16) /* slices in a run (walk_slices); in runs of two, no slice is interpolated */
+#define RUN (UNCLIPPED ? 2 : 16) /* slices in a run (walk_slices); in runs of two, all depths are exact */
 
 typedef struct {
     intl found;
@@ -91,8 +91,8 @@ void refine_slice_hit(const Context *context, const Prism *t, const Region *regi
     }
 }
 
-/* The depth at which rays cross the base, clamped to `entry` and `exit`. Sets `crosses` where that depth is on the
- * base */
+/* The depth at which rays cross the base, clamped to `entry` and `exit`. Sets `crosses` where the point at this depth
+ * is on the base */
 INLINED floatl depth_of_base(const Prism *t, const PrismRays *rays, floatl entry, floatl exit, intl *crosses)
 {
     const floatl z = clamp_lanes(-rays->rise.fixed / rays->rise.sloped, entry, exit);
@@ -111,7 +111,7 @@ typedef struct {
 INLINED Passage passage_of(const Prism *t, floatl x, floatl y, floatl so_far)
 {
     /* The interval of nearness in which each ray lies inside all bounding planes */
-    floatl far = t->first, near = t->last; /* a flat prism's sides have large rounding errors */
+    floatl far = t->first, near = t->last; /* limits, as a flat prism's sides have large rounding errors */
     for (int k = 0; k < PRISM_PLANES; k++) {
         const floatl n = t->sides[k].x * x + (t->sides[k].y * y + t->sides[k].one);
         if (t->leaves[k])
@@ -182,8 +182,8 @@ INLINED intl slices_of(const Prism *t, const PrismRays *rays, const Passage *p, 
 
 /* Tests the slices from front to back until a point passes. Returns the depth of the last point in front of the hit,
  * where the test failed. last: set to the depth of the last slice, or of the entry if the ray meets no slice. The
- * depths of a run of RUN slices come from a parabola that is exact at the run's ends and middle; its errors are far
- * below the spacing. drawn: depths beyond which everything is occluded */
+ * depths of a run of RUN slices come from a parabola that is exact at the run's ends and middle; the parabola's errors
+ * are far below the spacing. drawn: depths beyond which everything is occluded */
 static floatl walk_slices(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                    const Passage *p, Linear number, floatl drawn, SliceHit *hit, floatl *last)
 {
@@ -228,7 +228,7 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     if (t->front <= region->farthest[block])
         return;
 #if BLOCK > 1 && !UNCLIPPED
-    for (int k = 0; k < t->outlines; k++) /* most blocks in a prism's box lie outside its outline */
+    for (int k = 0; k < t->outlines; k++) /* most blocks in a prism's box lie outside the prism's outline */
         if (t->outline[k].x * first_x + (t->outline[k].y * first_y + t->outline[k].one) < 0.0f)
             return;
 #endif

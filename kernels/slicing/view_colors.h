@@ -17,11 +17,11 @@
 /* Differences in depth between a view's sample and a point, in sample distances: */
 #define LEVEL_SAMPLES 0.5f  /* the sample's weight for visibility is a half */
 #define TORN_SAMPLES 4.0f   /* the sample's weight for colour is a half */
-#define HIDDEN_SAMPLES 4.0f /* a point is occluded if the four samples around lie farther in front of it */
-#define BEYOND_OUTLINE 1e6f   /* distance from a point back to a view's surface where the view has no surface */
-#define VIEWS_MIN 0.002f    /* views: if fewer see a point, its hit is refined before the point is coloured */
+#define HIDDEN_SAMPLES 4.0f /* a point is occluded if all four samples around lie farther in front of the point */
+#define BEYOND_OUTLINE 1e6f   /* stands for the distance to a view's surface where the view has no surface */
+#define VIEWS_MIN 0.002f    /* number of views: if fewer see a point, the hit is refined before the point is coloured */
 #define CLOSER_HALVINGS 6   /* bisections that refine the hit, which matter where a view looks along the surface */
-#define STRIDES 4           /* most steps from the object back to a view's surface; each step doubles the distance */
+#define STRIDES 4           /* most steps from a hit forward to a view's surface; each step doubles the distance */
 
 /* The sum of weighted colours of at most BLENDED_VIEWS views */
 typedef struct {
@@ -45,7 +45,7 @@ typedef struct {
     intl sees;
 } ViewColor;
 
-/* visible: a sample weighs less the more its depth differs from the point's at depth `at`; else depths do not count */
+/* visible: 1: a sample weighs less the more its depth differs from `at`, the point's depth; 0: depths do not count */
 
 INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view, Samples samples, floatl at,
                              int visible)
@@ -110,8 +110,8 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
     return z;
 }
 
-/* Blends the views' colours of the rays' points at depth `hit`, starting with the closest view. visible: only views
- * that see a point count, else all views */
+/* Blends the views' colours of the rays' points at depth `hit`, starting with the closest view. visible: 1: only views
+ * that see a point count; 0: all views count */
 INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};

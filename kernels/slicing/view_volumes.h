@@ -60,9 +60,9 @@ typedef struct {
 
 /* A view's surface at a place, for `wanted` points with the nearness `mine` in the view. The surface is exact where it
  * may be close to the points; elsewhere it only lies on the correct side of them. reach: greatest difference in
- * nearness between surface and samples. outline: sum of the weights of the samples in a cell's nearest part at which
- * this part ends before background; 0.5 is half-way, as a sample covers its pixel. Before a farther surface, the part
- * falls off to that surface instead, farther out for a smaller `outline`. creases: 0 leaves out creases between four
+ * nearness between surface and samples. outline: a cell's nearest part ends before background where the weights of the
+ * part's samples sum to this; 0.5 is half-way, as a sample covers its pixel. Before a farther surface, the part falls
+ * off to that surface instead, farther out for a smaller `outline`. creases: 0 leaves out creases between four
  * samples. */
 INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
                                  float reach, floatl mine, intl wanted, int creases)
@@ -173,8 +173,8 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* The first views in testing order, where most points fail: a pixel's ray is transformed to their spaces once. For
- * other views it is transformed for each point. On GPUs it always is, as an indexed array would lie in device
+/* Number of views, the first in testing order, where most points fail: a pixel's ray is transformed to their spaces
+ * once. For later views, each point is transformed; on GPUs, for all views, as an indexed array would lie in device
  * memory. */
 #define RAYS_HELD (LANES == 1 ? 0 : 6)
 
