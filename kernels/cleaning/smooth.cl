@@ -75,8 +75,7 @@ kernel void roughen(global const float *values, global float *rough, ImagePlane 
     }
 }
 
-/* The change of values per pixel along one axis: the smaller of the changes on the two sides; 0 if these have different
- * signs */
+/* The change of values per pixel along one axis: the smaller change of the two sides; 0 if their signs differ */
 INLINED floatl slope_along(global const float *rough, int step)
 {
     const floatl low = load_lanes(rough - REACH * step), high = load_lanes(rough + REACH * step);

@@ -17,15 +17,14 @@
  * firsts: (meshes + 1,) first triangle of each mesh. In the arrays below, `meshes` is others + views. sources: (meshes,
  * 4) index of the mesh's view, indices in `levels` of this view's finest and coarsest level, and 1 for a perspective
  * view. levels: (levels, 3) width, height and start in colors; each level is half as large as the previous one, rounded
- * up. scales: (meshes,) samples of the view per pixel of the target, at depth 1 in
- * both. colors: RGBA bytes; A is 255 times the weight of a sample (feather_at) on a view's finest level, and 255 times
- * the fraction of valid samples on coarser levels. weights: (meshes,) positional weights, > 0. culled:
- * raster/triangle.h. by: BLEND_... layer_nearness, layer_owner: (others + views, items, pixels of a region) output of
- * mesh_layers.h. With CLOSED BY_RAYS, the arrays of FreeSpace (closing.h) for all `view_count` views; view_sizes is its
- * `sizes`. depth, color, valid: the picture; pixels that are nearer stay. occupancy, with OCCUPIED: (height, width) bit
- * k is set where view k gave colour. guesses, with GUESSES: (height, width) the depth of closed pixels. Work-item:
- * every `items`-th region (raster/region.h). Cost: O(list + pixels * meshes). Determinism: the order of the list, then
- * of the meshes.
+ * up. scales: (meshes,) samples of the view per pixel of the target, at depth 1 in both. colors: RGBA bytes; A is 255
+ * times the weight of a sample (feather_at) on a view's finest level, and 255 times the fraction of valid samples on
+ * coarser levels. weights: (meshes,) positional weights, > 0. culled: raster/triangle.h. by: BLEND_... layer_nearness,
+ * layer_owner: (others + views, items, pixels of a region) output of mesh_layers.h. With CLOSED BY_RAYS, the arrays of
+ * FreeSpace (closing.h) for all `view_count` views; view_sizes is its `sizes`. depth, color, valid: the picture; pixels
+ * that are nearer stay. occupancy, with OCCUPIED: (height, width) bit k is set where view k gave colour. guesses, with
+ * GUESSES: (height, width) the depth of closed pixels. Work-item: every `items`-th region (raster/region.h). Cost:
+ * O(list + pixels * meshes). Determinism: the order of the list, then of the meshes.
  */
 #include "depthmesh/closing.h"
 #include "depthmesh/mesh_layers.h"

@@ -9,13 +9,12 @@
  * the back to the eye.
  *
  * A ray may pass through a rubber sheet (a triangle that bridges a depth edge) and reach points that are not free: then
- * it has met a surface. If the ray comes from the front and leaves free space at most half a sample beyond the last
- * samples of the surface at the sheet's near end, it has met the rim of this surface. Otherwise no view saw the
- * surface. But the surface on the far side of a depth edge is likely to continue behind the near surface, so space
- * counts as free up to this continued surface (`extended_depths`). Surface is drawn where the ray leaves this space; if
- * the ray never leaves it, the pixel stays empty. A ray may also leave the occluded space behind a sheet and enter
- * occluded space again. Then surface is drawn only if the scene is `enclosed`: beside a single object, such rays may
- * never meet a surface.
+ * it has met a surface. If the ray comes from the front and leaves free space within half a sample of the samples at
+ * the sheet's near end, it has met the rim of the near surface. Otherwise no view saw the surface. But the surface on
+ * the far side of a depth edge is likely to continue behind the near surface, so space counts as free up to this
+ * continued surface (`extended_depths`). Surface is drawn where the ray leaves this space; if the ray never leaves it,
+ * the pixel stays empty. A ray may also leave the occluded space behind a sheet and enter occluded space again. Then
+ * surface is drawn only if the scene is `enclosed`: beside a single object, such rays may never meet a surface.
  *
  * Cost: at most 6 MARCH_STEPS points on each ray that first meets a back or a sheet; each point is looked up in one
  * view after the other, until a view saw through the point.

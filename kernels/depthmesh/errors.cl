@@ -7,9 +7,9 @@
  * tests of vertices yield a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: the errors of vertex and child are added. The sum is a bound, since a surface without both
- * vertices may be wrong by both errors. With `largest`, the larger error counts, as in the paper. A triangle of which
- * only some cells are drawn is left out unless it is split, so its error is CUT_ERROR times its longest side: at any
- * useful tolerance, the mesh keeps its depth edges.
+ * vertices may be wrong by both errors. With `largest`, the larger error counts, as in the paper. A partly drawn
+ * triangle is left out unless it is split, so its error is CUT_ERROR times its longest side: at any useful tolerance,
+ * the mesh keeps its depth edges.
  *
  * nearness, placed: (height, pitch), samples.cl; nearness is denoised (smooth.cl). For each vertex, (side + 1, row):
  * states, states.cl; errors: scene units, -1 where nothing is drawn; radii: the bounding spheres' radii, scene units;
@@ -136,7 +136,7 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* Sets the vertices' errors: to the children's errors, adds the part of the vertices' own errors that noise does not
+/* Sets the vertices' errors: from the children's errors, and the part of the vertices' own errors that noise does not
  * explain. Where nothing is drawn, errors stay -1. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {

@@ -21,7 +21,7 @@ typedef struct {
     int sheets, backs, others, views;
 } MeshCounts;
 
-/* The first place in a bin's list (its triangles ascend) whose triangle is `number` or greater */
+/* The first place in a bin's list whose triangle is `number` or greater; the list is in ascending order */
 int lower_bound(BinList listed, int number)
 {
     int first = listed.first, last = listed.last;

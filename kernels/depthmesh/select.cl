@@ -77,7 +77,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
 int next_marked(global const uchar *row, int x, int side)
 {
     for (; x <= side; x++) {
-        while (!(x & 7) && x <= side && !*(global const ulong *)(row + x)) /* rows begin and end at 8 bytes */
+        while (!(x & 7) && x <= side && !*(global const ulong *)(row + x)) /* rows are multiples of 8 bytes */
             x += 8;
         if (x <= side && row[x])
             break;

@@ -3,8 +3,8 @@
  * Starting from the coarsest triangles, each triangle is split if its depth is wrong by more than max_error at any
  * sample within it. All samples are tested, not only the vertex that would split the triangle, so max_error is a bound.
  * To avoid cracks, a split may force splits of other triangles. Every triangulation of the tree within the bound needs
- * each of these splits, so none has fewer triangles. Planes are affine in nearness, so nearness is compared, for both
- * projections.
+ * each of these splits, so no such triangulation has fewer triangles. Planes are affine in nearness, so nearness is
+ * compared, for both projections.
  *
  * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, filled with 0 by
  * the caller. pool: chunks of CHUNK ints; each work-item builds a stack of vertices from chunks. A chunk holds the

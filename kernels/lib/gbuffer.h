@@ -1,7 +1,6 @@
 #ifndef LIB_GBUFFER_H
 #define LIB_GBUFFER_H
-/* The G-buffer (Saito & Takahashi 1990): depths and normals of the pixels that show things drawn from images, for
- * deferred lighting.
+/* The G-buffer (Saito & Takahashi 1990): depths and normals of things drawn from images, for deferred lighting.
  *
  * Such things are lit after all things are drawn (picture/deferred.cl). A kernel that draws one of them writes, for
  * each of its pixels, the thing's number, the depth and, with GBUFFER 2, the normal. Other kernels do not write the

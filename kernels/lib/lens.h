@@ -1,7 +1,6 @@
 #ifndef LIB_LENS_H
 #define LIB_LENS_H
-/* Lens distortion with the models of `pyibr.Lens` (pyibr/core/lens.py): from a pinhole's pixels to the lens's
- * pixels. */
+/* Lens distortion, from a pinhole's pixels to the lens's, with the models of `pyibr.Lens` (pyibr/core/lens.py). */
 #include "lib/lanes.h"
 
 #ifndef LENS

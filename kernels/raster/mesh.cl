@@ -2,8 +2,8 @@
  *
  * Values are interpolated perspective-correctly: a corner's weight at a pixel is the value of the opposite edge's
  * function, divided by the sum of the three functions. The texture is read bilinearly in the two mip levels whose
- * texels are next smaller and next larger than the pixel's footprint (Williams 1983); lib/footprint.h takes several
- * samples along a footprint's longer side.
+ * texels are closest in size to the pixel's footprint (Williams 1983); lib/footprint.h takes several samples along a
+ * footprint's longer side.
  *
  * faces: (triangles, 3) vertex indices. projected, list, starts: bins.cl. depth, color, valid: (height, width) the
  * picture; nearer pixels stay, and the first of equally near triangles is visible.

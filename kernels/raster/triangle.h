@@ -169,8 +169,8 @@ INLINED intl covered_by(const Triangles *t, int lane, int first_x, int first_y, 
             covered = covered & (IS_TOP_LEFT(a, b) ? inside >= 0.0f : inside > 0.0f);
         }
     }
-    /* A triangle with moved corners may cover a pixel outside the original triangle. There a steep plane leaves the
-     * corners' range of nearness, so nearness is clamped. */
+    /* A triangle with moved corners may cover a pixel outside the original one, where a steep plane leaves the corners'
+     * range of nearness: so nearness is clamped. */
     const floatl plane = float_lane(t->n_x, lane) * x + (float_lane(t->n_y, lane) * y + float_lane(t->n_0, lane));
     *nearness = clamp_lanes(plane, (floatl)float_lane(t->n_low, lane), (floatl)float_lane(t->n_high, lane));
     return covered;

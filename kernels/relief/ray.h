@@ -47,7 +47,7 @@ typedef struct {
 #define QUADRIC_DEPTH(ray, t) (START_DEPTH(ray) + (t) * ((ray)->L + (t) * (ray)->K))
 
 #if DISTANCE == PERPENDICULAR
-/* Equation 6. P = V t is on the ray, R = P + s U on the quadric. U is at right angles to V, in the plane of V and the
+/* Equation 6. P = V t is on the ray, R = P + s U on the quadric. U, at right angles to V, is in the plane of V and the
  * normal N. */
 floatl depth_of(const ReliefRay *ray, floatl t)
 {

@@ -45,8 +45,7 @@ typedef struct {
     floatl sign; /* 1 if the ray sinks, or -1 */
 } SideAreas;
 
-/* A ray's crossing with a section: the weights of the section's second and third corner, and the distance from the
- * entry */
+/* A ray's crossing with a section: the section's second and third corner's weights, and the distance from the entry */
 typedef struct {
     floatl second, third, distance;
 } Crossing;
@@ -175,8 +174,7 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Sets `side` to the sides through which rays leave their prisms. Returns the amount by which depths change before
- * that. */
+/* Sets `side` to the sides through which rays leave their prisms. Returns how much depths change before. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
     const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */

@@ -1,4 +1,4 @@
-/* Finds which points lie in an object, so that they pass the tests of all views (slicing/view_volumes.h).
+/* Finds which points lie in an object: those that pass the tests of all views (slicing/view_volumes.h).
  *
  * points: (3, count), relative to the middle of the object's box; count is a multiple of LANES. inside: (count,) 1 for
  * points in the object, else 0. Other arrays: object.cl. Work-item: LANES points. Cost: O(points * views tested).

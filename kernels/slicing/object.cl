@@ -5,8 +5,7 @@
  * first point that passes the test of every view: the point lies behind the surface of the view's depth image
  * (SILHOUETTES 0), or inside the view's silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with
  * creases between samples. Next to a background sample, the surface ends half-way to this sample, like the outline of a
- * mask, or farther out in objects with many views (`outline`). Samples of unknown depth count as points at the box's
- * front.
+ * mask, or farther out in objects with many views (`outline`). Samples of unknown depth lie at the box's front.
  *
  * Deviations from the paper: each pixel's ray is intersected with the slices, which are not drawn as polygons, so the
  * stencil passes become one loop. `halvings` bisections move a hit from its slice closer to the surface. With
