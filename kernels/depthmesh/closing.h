@@ -67,9 +67,9 @@ INLINED intl project_to_view(const FreeSpace *space, int view, floatl x, floatl 
     return (inverse > 0.0f) & (*z > 0.0f) & in_columns & in_rows;
 }
 
-/* Returns which `active` points of the pixels (x, y) at a depth are free. nearest 0, depths of cells: a point is free
- * if it lies in front of a view's four samples around it; nearest 1, depths of samples: in front of a view's nearest
- * sample */
+/* Returns which `active` points of the pixels (x, y) at a depth are free. With nearest 0, `depths` belong to cells: a
+ * point is free if it lies in front of any view's four samples around it; with nearest 1, to samples: if it lies in
+ * front of any view's nearest sample */
 intl is_free(const FreeSpace *space, global const float *depths, int nearest, floatl x, floatl y, floatl depth,
              intl active)
 {

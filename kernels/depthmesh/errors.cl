@@ -61,7 +61,7 @@ typedef struct {
     floatl x, y, error, depth;
 } Children;
 
-/* Loads the children at (x, y). Updates their parents v: the largest error of a child, and a missing depth. */
+/* Loads the children at (x, y). Updates the parents v: the largest error of their children, and missing depths. */
 Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
 {
     Children c;

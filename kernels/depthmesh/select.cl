@@ -23,7 +23,7 @@
 #include "depthmesh/tree.h"
 
 #define POINTS 1024
-#define AT_THE_EYE 1e-20f /* scene units: distance of a sphere that contains the eye; > 0, so errors of 0 never count */
+#define AT_THE_EYE 1e-20f /* scene units: distance to a sphere that contains the eye; > 0, so errors of 0 never count */
 
 typedef struct {
     float eye[3];      /* position of the target's camera in the frame of the view's camera */

@@ -113,7 +113,7 @@ INLINED Footprint on_coarser(Footprint f)
     return f;
 }
 
-/* Adds the mean of one level of a texture over a footprint around (u, v), times a weight. */
+/* Adds to `sum` the mean of a texture's level over the footprint around (u, v), times a weight. */
 OUTLINED void add_footprint(global const uint *texels, floatl u, floatl v, Footprint f, intl level, int width,
                            int height, floatl weight, Color *sum)
 {

@@ -215,7 +215,7 @@ INLINED void store_first_bytes(intl v, global uchar *to, int count)
             to[lane] = int_lane(v, lane);
 }
 
-/* Writes the lanes whose bits are 1 one after the other, without gaps. */
+/* Writes the lanes whose bit is set, one after the other, without gaps. */
 #if defined(__AVX512F__) && defined(__has_builtin)
 #if __has_builtin(__builtin_ia32_compresssf512_mask)
 INLINED void compress_lanes(float16 v, uint bits, global float *to)

@@ -68,7 +68,7 @@ int is_thin(Grid grid, int x, int y)
 }
 
 /* The end of the run through (x, y), in direction (dx, dy). Component x: the distance to this end in samples. Component
- * y: 1 or -1, the side to which the wire goes on with the next run; 0 if there is no next run. */
+ * y: 1 or -1, the side on which the next run continues the wire; 0 if there is no next run. */
 float2 run_end(Grid grid, int x, int y, int dx, int dy)
 {
     const int aside_x = abs(dy), aside_y = abs(dx);

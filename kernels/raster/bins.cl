@@ -1,7 +1,7 @@
 /* Binning: lists the primitives that may touch each bin of BIN x BIN pixels, in the order of the primitives.
  *
  * `project` maps vertices from the world to the target's pixel space. `screen` maps points relative to `origin`, the
- * camera's centre: far from the world's origin, these differences are exact, and the matrix has no large numbers.
+ * camera's centre: far from the world's origin, the relative points are exact, and the matrix has no large numbers.
  * `bound_primitives` finds the bins that each primitive may touch. Primitives are divided into chunks of `chunk`
  * primitives; `count_bins` counts each chunk's primitives in each bin. `total_bins` and `total_rows` sum the counts of
  * each bin and of each row of bins. `start_bins` replaces each count by the place in `list` where the chunk's
@@ -97,7 +97,7 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
     const floatl y1 = floor_lanes(max_lanes(min_lanes(high_y + BIN_MARGIN, bottom), beside));
     intl seen = some & (x0 <= x1) & (y0 <= y1);
 #if CORNERS == 3
-    if (culled) { /* triangle.h moves corners first, which may flip slivers: so the limit grows with the lengths */
+    if (culled) { /* moved corners (triangle.h) may turn a sliver over: the limit grows with its sides */
         const floatl ax = x[1] - x[0], ay = y[1] - y[0], bx = x[2] - x[0], by = y[2] - y[0];
         const floatl moved = BIN_MARGIN * (1.0f + fabs(ax) + fabs(ay) + fabs(bx) + fabs(by));
         seen = seen & (!all | ((ax * by - ay * bx) * culled <= moved));

@@ -62,8 +62,8 @@ typedef struct {
     floatl share; /* fraction of the quadric's curvature that the rays' depth follows, 0 to 1 */
 } EntryRay;
 
-/* Sets up a search along the rays of a block's pixels, from the nearest entries not yet searched. by_mesh: only along
- * escaped rays, up to their exits, with depths from follow_mesh */
+/* Sets up a search along the rays of a block's pixels, from the nearest entries not yet searched. by_mesh: 1: only
+ * along escaped rays, up to their exits, with depths from follow_mesh */
 static EntryRay begin_search(const Context *context, const Region *region, int block, int by_mesh, Search *s)
 {
     const Relief *relief = &context->relief;

@@ -9,9 +9,9 @@
  *
  * Deviations from the paper: safe steps (search.h). A ray that comes out of the relief above its quadric, but has not
  * left the mesh, is searched once more, with depths estimated from the mesh (layers.h). Gradients of u and v replace
- * tile sizes, as they are also valid where u and v are not at right angles. The normal follows the quadric. On curved
- * surfaces, the paper replaces the second search for shadows by the light's map; here the second search uses the
- * quadric at the entry of the pixel's ray.
+ * tile sizes, because gradients are valid even where u and v are not at right angles. The normal follows the quadric.
+ * On curved surfaces, the paper replaces the second search for shadows by the light's map; here the second search uses
+ * the quadric at the entry of the pixel's ray.
  *
  * faces, projected, vertices: entry.h. list, starts: raster/bins.cl, with fronts, and with backs if quadrics are
  * curved. texels, bounds, levels: search.h. colors: lib/texture.h. normal_map: (normal_height, normal_width, 3) with

@@ -110,7 +110,7 @@ OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegme
     const floatl step = select_lanes(rises, (floatl)1.0f, (floatl)-1.0f), per_slice = 1.0f / segment.number.sloped;
     const floatl number_max = segment.number_max,
                  s_front = clamp_lanes(AT(segment.number, segment.front), -number_max, number_max);
-    /* Bisection may move a hit forward by one slice spacing, so slices this little behind `drawn` are tested, too. */
+    /* Bisection may move a hit forward by one slice spacing, so slices one spacing behind `drawn` are tested, too. */
     const floatl back = min_lanes(drawn + fabs(per_slice), segment.back);
     floatl slice = segment.alone ? (floatl)(float)segment.only
                                  : select_lanes(rises, ceil_lanes(s_front), floor_lanes(s_front));
