@@ -47,7 +47,7 @@ kernel void within_disc(global const int *distances, global uchar *near, ImagePl
         if (IS_PACKET_OF_IMAGE(plane, x, row)) {
             const intl is_column = IN_IMAGE(plane, x);
             for (int off = 0; off <= reach && any_lane(is_column & !found); off++) {
-                const int most = reach * reach - (off ? off * off - off + 1 : 0); /* half a pixel wider in a row */
+                const int most = reach * reach - (off ? off * off - off + 1 : 0); /* disc, half a pixel wider in x */
                 if (x - off + LANES > ASIDE) {
                     const intl left = load_lanes(distances + at - off);
                     found |= left * left <= most;

@@ -1,4 +1,5 @@
-/* All kernels that clean an image, as one program: building a program has a fixed cost, more than a kernel adds. */
+/* All kernels that clean an image, as one program: each program's build has a fixed cost, more than one more kernel
+ * costs. */
 #include "cleaning/place.cl"
 #include "cleaning/keep.cl"
 #include "cleaning/area.cl"

@@ -9,9 +9,9 @@
  * Bischof: Seeded region growing, 1994), but does not depend on the order of computation.
  *
  * `relax` lowers the costs in place, tile by tile, until nothing changes. Only a tile's own work-item writes the tile's
- * costs. It may read an old or a new cost of a neighbouring tile: both are costs of existing paths, and the least costs
- * are unique, so the result does not depend on the order. A tile is skipped if neither it nor a neighbouring tile
- * changed in the previous pass.
+ * costs. This work-item may read an old or a new cost of a neighbouring tile: both are costs of existing paths, and the
+ * least costs are unique, so the result does not depend on the order. A tile is skipped if neither it nor a
+ * neighbouring tile changed in the previous pass.
  *
  * marks: plane.h; begin_growth removes AREA from DOUBTED pixels where `near` is 1. near: a plane, 1 outside of the area
  * (area.cl). tint: tint.h. costs: a plane, 0 at seeds. steps: a plane, 2 bits for the class of each step in EACH_STEP.

@@ -9,9 +9,9 @@
  * values: a plane on a scale (scale.h) on which surfaces are at least 1 apart. measured, known: such planes of the
  * measured depth and of the previous frame's. labels: a plane; at the first pixel of a run, the index of the first
  * pixel of an earlier run or of this run; at other pixels, the index of the run's first pixel. sizes: a plane; at the
- * first pixel of a run, the number of the run's pixels, later of the island's; 0 at other pixels. totals: two numbers:
- * of samples; 1 if any seed is speckle. marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item: `run` pixels
- * of a row. Cost: O(pixels). Determinism: minima and sums of integers do not depend on their order.
+ * first pixel of a run, the number of the run's pixels, later of the island's; 0 at other pixels. totals: the number of
+ * samples, and 1 if any seed is speckle, else 0. marks: plane.h; speckle becomes DOUBTED and loses SEED. Work-item:
+ * `run` pixels of a row. Cost: O(pixels). Determinism: minima and sums of integers do not depend on their order.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"
@@ -68,7 +68,7 @@ void join_islands(global volatile int *labels, int a, int b)
         const int high = max(a, b), low = min(a, b), label = atomic_min(labels + high, low);
         if (label == high)
             return;
-        a = low, b = label; /* another work-item has changed high's label: it must be joined, too */
+        a = low, b = label; /* another work-item has changed high's label: its island is joined, too */
     }
 }
 

@@ -8,8 +8,8 @@
  * and has a similar colour.
  *
  * values, known: planes of the measured and of the previous depth, on a scale (scale.h) on which surfaces are at least
- * 1 apart. tint: tint.h. marks: a plane of the bits KEPT, AREA and DOUBTED (plane.h). held: the same plane, with STILL
- * added. Work-item: `strip` packets of a row. Cost: O(pixels). Determinism: kernels read only finished planes.
+ * 1 apart. tint: tint.h. marks: a plane of the bits KEPT, AREA and DOUBTED (plane.h). held: `marks` with STILL added.
+ * Work-item: `strip` packets of a row. Cost: O(pixels). Determinism: kernels read only finished planes.
  */
 #include "cleaning/plane.h"
 #include "cleaning/scale.h"

@@ -18,7 +18,7 @@
 #define TAIL(length) ((length) / 3)      /* samples from the ramp's end to the first of the two that define a line */
 #define BASE(length) (1 + (length) / 4) /* samples from the first of these two to the second */
 #define APART 0.04f
-#define BEYOND 0.1f /* fraction of the surfaces' distance by which a ramp's sample may lie outside of it */
+#define BEYOND 0.1f /* fraction of the surfaces' difference: a ramp's sample may lie this far beyond one of them */
 #define RISES 1e-30f
 
 /* The number of steps in a direction that stay in the image */

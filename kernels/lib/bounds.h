@@ -4,8 +4,8 @@
  * of a window, or behind all of them, can skip the window.
  *
  * Window (x, y) has 2 BOUNDS_STEP cells on a side. Its first column is BOUNDS_STEP * x - 1, its first row BOUNDS_STEP *
- * y - 1, so the first windows start in the ring (surface.h). Windows overlap, so that from any cell, a line's next
- * BOUNDS_STEP steps of one cell lie in one window.
+ * y - 1, so the first windows start in the ring (surface.h). Windows overlap, so that wherever a line starts, its next
+ * BOUNDS_STEP cells lie in one window.
  */
 #include "lib/surface.h"
 

@@ -2,10 +2,10 @@
 #define LIB_BUILTINS_H
 /* Inlined versions of OpenCL's built-in functions, for inner loops. Results equal the built-in functions' to the bit.
  *
- * PoCL 6 compiles the built-ins to calls. All registers are saved around a call, which doubles the time
- * (CONTRIBUTING.md shows why). The versions below use comparisons, bit operations and packed structs: one or two
- * instructions with any compiler. Only Clang supports C functions with one name for several types; with other
- * compilers, or if LANES is 1, the built-ins are used.
+ * PoCL 6 compiles the built-ins to calls (CONTRIBUTING.md shows why). All registers are saved around a call, which
+ * doubles the time. The versions below use comparisons, bit operations and packed structs: one or two instructions with
+ * any compiler. Only Clang supports C functions with one name for several types; with other compilers, or if LANES is
+ * 1, the built-ins are used.
  */
 #ifdef __clang__
 
@@ -116,7 +116,7 @@ LOADED_AND_STORED(private, int, 16)
 THREE_LOADED_AND_STORED(float)
 THREE_LOADED_AND_STORED(uchar)
 
-/* Runtimes may define these names as macros. */
+/* Runtimes may define these names as macros, so they are undefined first. */
 #undef fabs
 #undef fmin
 #undef fmax

@@ -2,10 +2,10 @@
 #define LIB_GBUFFER_H
 /* The G-buffer (Saito & Takahashi 1990): depths and normals of things drawn from images, for deferred lighting.
  *
- * Such things are lit after all things are drawn (picture/deferred.cl). A kernel that draws one of them writes, for
- * each of its pixels, the thing's number, the depth and, with GBUFFER 2, the normal. Other kernels do not write the
- * buffer. So an entry is only valid if its depth equals the picture's depth; otherwise another thing was drawn in front
- * later.
+ * Such things are lit after all things are drawn (picture/deferred.cl). A kernel that draws such a thing writes, for
+ * each of the thing's pixels, the thing's number, the depth and, with GBUFFER 2, the normal. Other kernels do not write
+ * the buffer. So an entry is only valid if its depth equals the picture's depth; otherwise another thing was drawn in
+ * front later.
  */
 #include "lib/lanes.h"
 

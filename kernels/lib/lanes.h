@@ -31,7 +31,7 @@
 
 /* INLINED: a function whose arguments and results stay in registers. Other functions get vectors, and on GPUs also
  * structs, in memory. */
-#ifndef INLINED /* a simulator may want calls */
+#ifndef INLINED /* build options replace it for simulators that need calls */
 #define INLINED static inline __attribute__((always_inline))
 #endif
 
@@ -158,8 +158,8 @@ typedef struct __attribute__((packed)) {
 #define LOWEST(bits) (63 - (int)clz((ulong)(bits) & -(ulong)(bits))) /* index of the lowest set bit */
 #define WITHOUT_LOWEST(bits) (LANES == 1 ? 0 : (bits) & ((bits) - 1)) /* clears the lowest set bit of lane_bits */
 
-/* CHOSEN: one of at most four values. On GPUs conditions choose it, since an array that is indexed at run time cannot
- * be in registers. */
+/* CHOSEN: one of at most four values. On GPUs conditions choose the value, since an array that is indexed at run time
+ * cannot be in registers. */
 #if LANES == 1
 #define CHOSEN(values, i) ((i) < 2 ? (i) ? (values)[1] : (values)[0] : (i) == 2 ? (values)[2] : (values)[3])
 #else

@@ -4,7 +4,7 @@
 #include "lib/lanes.h"
 
 #ifndef LENS
-#define LENS 0 /* 0: none; 1: Brown-Conrady, also rational; 2: RealSense's modified one; 3: Kannala-Brandt's fisheye */
+#define LENS 0 /* 0: none; 1: Brown-Conrady, also rational; 2: RealSense's variant; 3: Kannala-Brandt's fisheye */
 #endif
 
 typedef struct {

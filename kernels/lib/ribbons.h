@@ -3,18 +3,18 @@
 /* Ribbons: surface for parts that are one sample wide, such as wires, leaves and bars.
  *
  * The surface of lib/surface.h ends at its last samples, so parts one sample wide have few triangles or none. A sample
- * is thin if no cell around it is whole. It is drawn as a square with the side of a sample. The square moves along a
- * straight line to each neighbour that is not torn off, and covers a ribbon; if there is no such neighbour, it stays in
- * place (a dot). If the neighbour is not thin, the ribbon ends at the neighbour's middle.
+ * is thin if no cell around it is whole. A thin sample is drawn as a square with the side of a sample. The square moves
+ * along a straight line to each neighbour that is not torn off, and covers a ribbon; if there is no such neighbour, it
+ * stays in place (a dot). If the neighbour is not thin, the ribbon ends at the neighbour's middle.
  *
- * Ribbons never cover other samples: in the pixel of a sample that is not at its ends, a ribbon stops before it reaches
- * the sample's position. So a view from the image's own camera equals the image. A ribbon is planar: its nearness only
+ * Ribbons never cover other samples: a ribbon that crosses the pixel of a sample other than its two stops before this
+ * sample's position. So a view from the image's own camera equals the image. A ribbon is planar: its nearness only
  * changes along the ribbon, and equals the samples' nearness at their positions.
  *
- * In the image, an oblique wire consists of runs along rows (or columns); the next run is one sample to the side. At
- * the end of a run, the squares' middles are moved by half a sample towards the next run, and by less the closer they
- * are to the run's middle, so that a straight wire stays straight. To find a middle, at most 4 RUN_MAX samples are
- * read.
+ * In the image, an oblique wire consists of runs along rows (or columns); each run is one sample beside the previous
+ * one. At the end of a run, the squares' middles are moved by half a sample towards the next run, and by less the
+ * closer they are to the run's middle, so that a straight wire stays straight. To find a middle, at most 4 RUN_MAX
+ * samples are read.
  */
 #include "lib/surface.h"
 
@@ -32,7 +32,7 @@ typedef struct {
     float x, y;        /* the first middle */
     float dx, dy;      /* vector from the first to the second middle; 0 for a dot */
     float n, gu, gv;   /* nearness at the first middle, and its gradient */
-    float part, part_u, part_v; /* 0 at the first sample, 1 at the second: value at the first middle, gradient */
+    float part, part_u, part_v; /* fraction of the way from `from` to `to`, at the first middle; its gradient */
     int ends;          /* 1: the ribbon ends at the second middle; 0: half a sample beyond it */
     int2 from, to;     /* columns and rows of the first and the second sample */
 } Ribbon;
@@ -159,8 +159,8 @@ int belongs_to_another(Ribbon ribbon, float2 p)
     return side * dot(p - other, across) > -CLEARANCE * length(across);
 }
 
-/* Tells whether thin sample (x, y) owns the ribbon to a neighbour. A ribbon of two thin samples belongs to the
- * first. */
+/* Tells whether thin sample (x, y) owns the ribbon to a neighbour. A ribbon of two thin samples is owned by the first
+ * one. */
 int is_first_of(Grid grid, int x, int y, int neighbour)
 {
     if (neighbour == SELF) {

@@ -24,8 +24,8 @@ typedef struct {
 #define NO_CUT {0.0f, 0.0f, 0.0f}
 #define IS_OPEN(cut, a, b) (((cut).near_scale * (a) - (cut).far_scale * (b) > (cut).least) | ((b) <= NO_SURFACE))
 
-/* The edge test: neighbours are torn apart by a Cut alone or, if `straight` is 1, where the surface does not
- * continue. */
+/* The edge test: neighbours are torn apart by a Cut alone or, if `straight` is 1, where the surface does not continue
+ * straight. */
 typedef struct {
     int straight;
     int both; /* 1: neighbours are only torn if the surface does not continue and the Cut tears them, too */

@@ -170,8 +170,8 @@ INLINED void write_whole_block(const Picture *picture, floatl z, int x, int y, C
 }
 #endif
 
-/* Writes pixels of a block one by one: the pixels in `mine`, and in a blank picture also the others. z: depths of the
- * pixels. Returns which pixels of `mine` are visible now. */
+/* Writes pixels of a block one by one: the pixels in `mine`, and in a blank picture also the other pixels. z: depths of
+ * the pixels. Returns which pixels of `mine` are visible now. */
 OUTLINED intl write_single_pixels(const Picture *picture, floatl z, intl mine, int x, int y, Color shade)
 {
     for (int lane = 0; lane < LANES; lane++) {

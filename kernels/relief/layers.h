@@ -208,7 +208,7 @@ static int search_layer(const Context *context, Region *region, BinList listed)
     return more;
 }
 
-/* The interpolated vertices' values at the entry of a pixel's ray; if the ray walked, on the mesh above its hit */
+/* The vertices' values, interpolated at the entry of a pixel's ray; if the ray walked, on the mesh above its hit */
 INLINED Entry entry_of_hit(const Relief *relief, const Layers *layers, int block, intl triangle, floatl x, floatl y)
 {
     OnTriangle at = on_triangle(relief->faces, relief->projected, triangle, x, y);

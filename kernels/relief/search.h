@@ -3,8 +3,8 @@
 /* First hit of a ray (ray.h) on a height field that follows a quadric (Oliveira & Policarpo 2005, sections 3.1 to 3.4).
  * The surface lies at depth 1 - height.
  *
- * texels: lib/heights.h. bounds: a maximum mipmap (Tevs et al. 2008), in 1/65535, two 16-bit numbers in each uint. Tier
- * 0 holds the greatest height in each cell between 2x2 texels, tier 1 the greatest height in 2x2 cells, and so on.
+ * texels: lib/heights.h. bounds: a maximum mipmap (Tevs et al. 2008), in units of 1/65535, two in each uint. Tier 0
+ * holds the greatest height in each cell between 2x2 texels, tier 1 the greatest height in 2x2 cells, and so on.
  * BOUND_AT gives the index of a bound. levels: (levels, LEVEL_INTS) for each mip level: its width, its height, its
  * start in texels; the number of tiers of its bounds, their start, log2 of their rows' length, their span (for
  * BOUND_AT); last, the largest difference between its heights and the finest level's, in 1/65535.
@@ -59,7 +59,8 @@ INLINED Track track_of(const ReliefRay *ray, global const int *levels)
     return k;
 }
 
-/* The index of a cell's bound. It is computed, as reading a tier's start would take as long as reading the bound. */
+/* The index of a cell's bound. The index is computed, as reading a tier's start would take as long as reading the
+ * bound. */
 #define BOUND_AT(s, tier, column, row) ((s)->start + (s)->span - ((s)->span >> (tier)) + ((row) << (s)->pitch) + (column))
 
 typedef struct {
@@ -102,8 +103,8 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
     return depth_of(&s->ray, t) >= 1.0f - HEIGHT_UNIT * height_in(texels, k->map, x, y);
 }
 
-/* The paper's search: up to `steps` equal steps, then `halvings` bisections of the step that reached the surface.
- * Arrays outside `searches` keep the loops' variables in registers. count: number of searches, a compile-time
+/* The paper's search: up to `steps` equal steps, then `halvings` bisections of the step that reached the surface. Local
+ * arrays keep the loops' variables in registers. count: number of searches, a compile-time
  * constant */
 INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
@@ -255,7 +256,7 @@ void safe_step(Search *s, global const uint *texels, global const uint *bounds)
 }
 
 /* A search that steps over no part of the surface: a step crosses a cell only if the cell's greatest height stays below
- * the ray. Otherwise the search goes down, and solves for the hit in cells between 2x2 texels. */
+ * the ray. Otherwise the search goes down a tier, and solves for the hit in cells between 2x2 texels. */
 INLINED void safe_search(Search *searches, int count, global const uint *texels, global const uint *bounds,
                          global const int *levels)
 {

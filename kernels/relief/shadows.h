@@ -5,7 +5,7 @@
 #include "relief/shading_point.h"
 
 /* Values of hidden_by */
-#define MAPPED 0   /* the light's map decides; but where it shows shadow on a base that is not flat, the search */
+#define MAPPED 0   /* the light's map decides; where it shows shadow on a base that is not flat, the search decides */
 #define SEARCHED 1 /* the second search decides, and the map at the place where the light's ray leaves the relief */
 #define LIFT 1e-3f /* fraction of the relief's depth by which the point is raised, so that the search misses it */
 

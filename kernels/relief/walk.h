@@ -174,7 +174,7 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Sets `side` to the sides through which rays leave their prisms. Returns how much depths change before. */
+/* Sets `side` to the sides through which rays leave their prisms. Returns how much depths change until then. */
 INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 {
     const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */
@@ -194,7 +194,7 @@ INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
 #define CHANGE_OF(corners, by_second, by_third)                                                                \
     ((by_second) * ((corners)[1] - (corners)[0]) + (by_third) * ((corners)[2] - (corners)[0]))
 
-/* The distance t to the bottom, where depth + slope t + bend t^2 is 1; if there is none, to depth 0 */
+/* The distance t to the bottom, where depth + slope t + bend t^2 is 1; if the ray never gets there, to depth 0 */
 INLINED floatl way_out(floatl depth, floatl slope, floatl bend, intl *at_bottom)
 {
     const floatl below = 1.0f - depth, discriminant = slope * slope + 4.0f * bend * below;

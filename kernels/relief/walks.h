@@ -88,8 +88,8 @@ static int walk_layer(const Context *context, int block, Region *region)
 }
 
 #if WITHIN
-/* Walks from the eye. A ray that runs in the section that contains the eye would never cross another section, so such
- * rays are turned by at most twice LEAST_SLOPE. */
+/* Walks from the eye. A ray within the section that contains the eye would never cross another section, so such rays
+ * are turned by at most twice LEAST_SLOPE. */
 static void walk_from_eye(const Context *context, Region *region)
 {
     const Screen screen = context->relief.screen;
