@@ -1,5 +1,4 @@
-/* All kernels that clean an image, as one program: each program's build has a fixed cost, more than one more kernel
- * costs. */
+/* All kernels that clean an image, as one program: each build of a program has a high fixed cost. */
 #include "cleaning/place.cl"
 #include "cleaning/keep.cl"
 #include "cleaning/area.cl"

@@ -1,10 +1,10 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
  * A vertex's error is the sum of its own error (its distance from the edge that it bisects) and the largest error of
- * its children. For a midpoint, the distance is measured in the plane of the edge's direction and the z axis (equation
- * 1); for a centre, in space (equation 2). A vertex's sphere contains its children's spheres; at the finest step, it
- * contains the triangles that the vertex splits. So errors and spheres grow from children to parents, and independent
- * tests of vertices yield a triangulation without cracks (Lindstrom & Pascucci 2001).
+ * its children. For a midpoint, the distance is measured in the plane along the edge and the z axis (equation 1); for a
+ * centre, in space (equation 2). A vertex's sphere contains its children's spheres; at the finest step, it contains the
+ * triangles that the vertex splits. So errors and spheres grow from children to parents, and independent tests of
+ * vertices yield a triangulation without cracks (Lindstrom & Pascucci 2001).
  *
  * Deviations from the paper: the errors of vertex and child are added. The sum is a bound, since a surface without both
  * vertices may be wrong by both errors. With `largest`, the larger error counts, as in the paper. A partly drawn
@@ -136,7 +136,7 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* Sets the vertices' errors: from the children's errors, and the part of the vertices' own errors that noise does not
+/* Sets the vertices' errors from the children's errors and from the part of their own errors that noise does not
  * explain. Where nothing is drawn, errors stay -1. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {

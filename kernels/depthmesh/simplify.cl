@@ -9,8 +9,8 @@
  * nearness, placed: (height, pitch), samples.cl. states: states.cl. active: (side + 1, row), tree.h, filled with 0 by
  * the caller. pool: chunks of CHUNK ints; each work-item builds a stack of vertices from chunks. A chunk holds the
  * indices of the chunks below and above it, then vertices. used: (1,) number of used chunks. coarse: a step (tree.h).
- * Work-item: `refine_coarse`: all vertices with steps from `coarse` up; then `refine`: one of these vertices, and all
- * vertices that follow from it and that no other work-item has taken. A work-item may see marks of other work-items
+ * Work-item: `refine_coarse`: all vertices with steps of at least `coarse`; then `refine`: one of these vertices, and
+ * all vertices that follow from it and that no other work-item has taken. A work-item may see marks of other work-items
  * late or never, so an atomic operation decides which work-item takes a vertex. Cost: O(triangles + samples): most
  * triangles that must be split are recognised at the first samples; other triangles are read in rows, LANES samples at
  * a time. Determinism: whether a triangle is split does not depend on the order of the tests.
@@ -206,15 +206,15 @@ INLINED void propagate(const Layout *layout, Work *work, int at, int coarse)
     const int child = is_center ? s : s / 2;
     if (child < work->finest || child >= coarse)
         return;
-    for (int k = 0; k < 4; k++) { /* children above, right, below, left of a centre; at the diagonals of a midpoint */
+    for (int k = 0; k < 4; k++) { /* children above, right, below, left of a centre; diagonally from a midpoint */
         const int dx = is_center ? (k == 1) - (k == 3) : k & 1 ? 1 : -1;
         const int dy = is_center ? (k == 2) - (k == 0) : k >> 1 ? 1 : -1;
         visit_child(layout, work, x + child * dx, y + child * dy, child, is_center ? k % 3 == 0 : !(k >> 1));
     }
 }
 
-/* Calls `propagate` for the vertices on the stack until it is empty. coarse: for the first vertex; later vertices have
- * no such limit */
+/* Calls `propagate` for the vertices on the stack until it is empty. coarse: for the first vertex; for later vertices,
+ * there is no limit */
 INLINED void propagate_all(const Layout *layout, Work *work, int coarse)
 {
     for (int vertices_left = (layout->side + 1) * (layout->side + 1); vertices_left > 0;

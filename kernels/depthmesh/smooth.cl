@@ -1,8 +1,8 @@
 /* Denoised samples, from which errors.cl computes the quadtree's errors, so that noise alone splits no triangle.
  *
  * Each sample's nearness moves towards the means of pairs of opposite neighbours, so planes of any slope stay
- * unchanged. A pair weighs less the more its mean differs from the sample. If they differ by more than PAIR_REACH
- * standard deviations of the noise, the pair lies on other surfaces and is ignored.
+ * unchanged. A pair weighs less the more its mean differs from the sample. If mean and sample differ by more than
+ * PAIR_REACH standard deviations of the noise, the pair lies on other surfaces and is ignored.
  *
  * nearness, smoothed: (height, pitch), picture/nearness.cl. Work-item: a row. Cost: O(samples), 48 neighbours each.
  * Determinism: samples are independent.

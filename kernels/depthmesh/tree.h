@@ -59,7 +59,7 @@ INLINED floatl noise_of_nearness(const Layout *layout, const float *of, floatl n
 {
     if (!layout->perspective)
         return NOISE_AT(of, -n);
-    return of[0] + (of[1] + of[2] * n) * n; /* the difference of depth, times n n */
+    return of[0] + (of[1] + of[2] * n) * n; /* the difference of depth, times n^2 */
 }
 
 /* The sample (x, y) with depth z, in the frame of the view's camera */
@@ -117,8 +117,7 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
  * error, so smaller distances count as 0. */
 #define ROUNDING 0x1p-22f
 
-/* Marks of a triangulation's vertices. LISTED: corners of triangles; ACTIVE: the same, and right angles may lie
- * there */
+/* Marks of a triangulation's vertices. LISTED: corners of triangles; ACTIVE: corners that may be at right angles */
 #define LISTED 2
 #define ACTIVE 3
 #define IS_ACTIVE(mark) ((mark) == ACTIVE)

@@ -19,8 +19,8 @@ typedef struct {
     floatl searched[BLOCKS];              /* nearness of the entry that was searched last */
     intl searched_triangle[BLOCKS];       /* this entry's triangle */
     floatl t[BLOCKS];                     /* distance from the entry to the hit, in scene units */
-    floatl share[BLOCKS];                 /* fraction of the quadric's curvature with which the hit's depth was measured */
-    intl escaped[BLOCKS];                 /* the ray from the first entry came out of the entry's quadric without a hit */
+    floatl share[BLOCKS];                 /* fraction of the quadric's curvature that the hit's depth follows */
+    intl escaped[BLOCKS];                 /* the ray from the first entry came out of that entry's quadric, without a hit */
     floatl exit[BLOCKS];                  /* nearness of the back through which the ray leaves the mesh; EMPTY: none */
     intl exit_triangle[BLOCKS];
 #if WALKS

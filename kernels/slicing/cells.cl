@@ -62,8 +62,8 @@ INLINED floatl size_of_sample(CellImage image, floatl nearness)
 }
 
 /* A cell's side. first, last: the surface's rise in nearness from the next sample beyond each end of the side to this
- * end; crease: by how much nearness a crease lies above the side, or 0; sharp: by how much more the surface bends
- * at the side than beside it */
+ * end; crease: by how much nearness a crease lies above the side, or 0; sharp: by how much more the surface bends at
+ * the side than next to it */
 typedef struct {
     floatl first, last, crease, sharp;
 } CellSide;

@@ -5,7 +5,7 @@
  * first point that passes the test of every view: the point lies behind the surface of the view's depth image
  * (SILHOUETTES 0), or inside the view's silhouette (SILHOUETTES 1). A view's surface is bilinear in nearness, with
  * creases between samples. Next to a background sample, the surface ends half-way to this sample, like the outline of a
- * mask, or farther out in objects with many views (`outline`). Samples of unknown depth lie at the box's front.
+ * mask, or farther out in objects with many views (`outline`). Samples of unknown depth are placed at the box's front.
  *
  * Deviations from the paper: each pixel's ray is intersected with the slices, which are not drawn as polygons, so the
  * stencil passes become one loop. `halvings` bisections move a hit from its slice closer to the surface. With
@@ -31,7 +31,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
             int view_count, Box box, int slices_axis, int halvings /* bisections in front of a hit */,
             int finds_thin /* 1: also searches for parts thinner than the slice spacing */,
             int visible /* 1: colours come from views that see the points, if there are any */,
-            int unknown /* 1: a point that projects outside a view's image passes its test */,
+            int unknown /* 1: a point that projects outside a view's image passes the view's test */,
             float outline /* where views' surfaces end: surface_at() */,
             float sample /* distance of the coarsest view's samples in the middle of the box, in scene units */,
             float stride /* change of depth in the first step from a hit forward to a view's surface */,

@@ -30,7 +30,7 @@ WorldRay world_ray(Screen screen, floatl x, floatl y)
     return ray;
 }
 
-/* The part of a ray in the box, from depth `front` to `back`. The ray meets slices where `number` is whole. */
+/* The part of a ray in the box, from depth `front` to `back`. The ray meets slices where `number` is an integer. */
 typedef struct {
     floatl front, back;
     Linear number;
@@ -77,7 +77,7 @@ void refine_object_hit(const Views *views, const ViewRays *rays, RaySegment segm
 /* Searches between two slices for parts of the object that are thinner than the slice spacing. The first view that
  * rejects the point at depth z has the number `passed` in the order of testing. On `crossed` rays, another view is the
  * first to reject the point of the previous slice, at depth z - step. Bisection finds the depth where the first
- * rejecting view changes, because points there may pass both views. Sets `hit`, and returns which rays hit. */
+ * rejecting view changes, because points there may pass both views' tests. Sets `hit`, and returns which rays hit. */
 intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segment, floatl z, floatl step, int halvings,
                        intl crossed, intl passed, floatl *hit, intl *tests)
 {

@@ -63,7 +63,7 @@ typedef struct {
     Tilt first, to_second, to_third;
     float area_1, area_2;     /* a slice's area, divided by the base's, is 1 + h area_1 + h^2 area_2 */
     float second_2, third_2;  /* coefficients of h^2 in the numerators of the corners' weights */
-    float by_second, by_third; /* coefficients of h^2 times the point's first and second coordinate in the cubic */
+    float by_second, by_third; /* coefficients of h^2 x and h^2 y in the cubic; x, y: the point's coordinates */
     float square, cube;       /* coefficients of h^2 alone and h^3 alone in the cubic */
 } Bend;
 
@@ -288,7 +288,8 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
     t->by_height = context->slicing != SCREEN && direction == 0;
     t->count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
     t->slice_rounding = SLICE_ROUNDING;
-    /* Slice numbers are relative to the whole number closest to the first corner's, because small numbers are exact. */
+    /* Slice numbers are relative to the whole number closest to the first corner's, because small numbers are rounded
+     * less. */
     const float along = 1.0f / t->spacing;
     if (context->slicing == SCREEN) {
         const float off = rint(first_depth * along);
@@ -383,7 +384,7 @@ static int4 set_up_one(const Context *context, int index, int x, int y, Prism *t
                t->perspective ? p[0].z : -p[0].w);
     set_bend(&t->bend, context->tilts + TILT_FLOATS * index);
     set_planes(t, rows, context->tilts + TILT_FLOATS * index);
-    bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* rounding leaves no gap between neighbours */
+    bound_sides(t, crosses ? 0.0f : SIDE_MARGIN / p[0].z); /* so that rounding leaves no gap between neighbours */
     const float margin = 1e-4f * (t->front - t->rear) + 2e-6f * fmax(fabs(t->front), fabs(t->rear));
     t->first = crosses ? t->rear : t->rear - margin;
     t->last = crosses ? t->nearest : fmin(t->front + margin, t->nearest);

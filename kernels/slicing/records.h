@@ -10,8 +10,8 @@
 #define OTHER_CELL 2   /* a surface that is nearer than the bilinear surface */
 #define OUTLINE_CELL 3 /* a surface that ends at the background */
 /* The second image holds a float for each cell whose kind is not 0. The float's last bits mark which samples belong to
- * the cell's nearest part, row by row, and whether there is background. If all four samples belong to this part, the
- * float is the part's nearness minus the bilinear surface's, else minus the first sample's. */
+ * the cell's nearest part, row by row, and whether there is background. The float is the part's nearness minus the
+ * bilinear surface's if all four samples belong to this part, else the part's nearness minus the first sample's. */
 #define CELL_WHOLE 15      /* all four samples belong to the nearest part */
 #define CELL_BACKGROUND 16 /* at least one sample is background: beyond the nearest part, the cell is empty */
 #define CELL_BITS 31

@@ -20,8 +20,8 @@
  * surface. heights: (map_height, map_width), lib/heights.h. colors: lib/texture.h. normal_map: (normal_height,
  * normal_width, 3) with its mipmaps, if normal_width > 0. Both maps are read by lib/footprint.h. gradients: (triangles,
  * 2, 3) of u and v on the base, per scene unit. normals: (vertices of the base, 3). spacing: distance between slices,
- * scene units. slices: their number through the displacement, along direction a; with by_view, in the middle of the
- * volume. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are the weights of a triangle's
+ * scene units. slices: number of slices through the displacement, along direction a; with by_view, for the volume's
+ * middle. counters: (height, width) alpha tests, with COUNTERS. The region's u and v are the weights of a triangle's
  * second and third corner. Work-item: a region (raster/region.h). With LANES 16 it is a bin, drawn in blocks of 4 x 4
  * pixels, one pixel to a lane. With LANES 1 it is a pixel, which sets up all prisms in its bin's list. Cost: O(list +
  * pixels * slices met); with LANES 1, O(pixels * (list + slices met)). Determinism: list order.
@@ -101,7 +101,7 @@ INLINED floatl depth_of_base(const Prism *t, const PrismRays *rays, floatl entry
     return z;
 }
 
-/* A block's rays in a prism: they are inside from depth `entry` to `exit`, and slices are tested from `front` to
+/* A block's rays in a prism: they are in the prism from depth `entry` to `exit`, and slices are tested from `front` to
  * `back`. inside: rays that enter the prism; meets: rays on which slices are tested */
 typedef struct {
     floatl entry, exit, front, back;

@@ -3,11 +3,10 @@
 /* The colour of a point where a ray meets an object: a mean of the colours of the views that see the point. A view
  * weighs more if its direction is closer to the picture's.
  *
- * A view sees a point if the ray meets the view's surface at the point or a little in front of it: the volumes of all
- * views overlap only behind each view's surface. Here a view's surface is bilinear, without the creases between
- * samples. The more the depths of a view's samples around a point differ from the point's, the less the view counts. So
- * a view of an oblique surface, with a sample in front and a sample behind, counts little unless no other view sees the
- * point.
+ * A view sees a point if the ray meets the view's surface at the point or a little in front of it, because an object's
+ * points lie behind the surfaces of all views. Here a view's surface is bilinear, without the creases between samples.
+ * The more the depths of a view's samples around a point differ from the point's, the less the view counts. So a view
+ * of an oblique surface, with a sample in front and a sample behind, counts little unless no other view sees the point.
  */
 #include "lib/color.h"
 #include "lib/gbuffer.h"
@@ -15,8 +14,8 @@
 
 #define BLENDED_VIEWS 3     /* most views in a pixel's colour */
 /* Differences in depth between a view's sample and a point, in sample distances: */
-#define LEVEL_SAMPLES 0.5f  /* the sample's weight for visibility is a half */
-#define TORN_SAMPLES 4.0f   /* the sample's weight for colour is a half */
+#define LEVEL_SAMPLES 0.5f  /* at this difference, a sample's weight for visibility is a half */
+#define TORN_SAMPLES 4.0f   /* at this difference, a sample's weight for colour is a half */
 #define HIDDEN_SAMPLES 4.0f /* a point is occluded if all four samples around lie farther in front of the point */
 #define BEYOND_OUTLINE 1e6f   /* stands for the distance to a view's surface where the view has no surface */
 #define VIEWS_MIN 0.002f    /* number of views: if fewer see a point, the hit is refined before the point is coloured */
@@ -89,9 +88,9 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
     return select_lanes(surface.there, (surface.nearness - mine) * per_sample, (floatl)-BEYOND_OUTLINE);
 }
 
-/* The depth at which the rays meet a view's surface: at `hit`, or in up to STRIDES steps in front of `hit`. If the
- * steps do not reach the surface, or if all samples around lie far in front of the point, the view does not see the
- * point, and the ray is removed from `active`. */
+/* The depth at which the rays meet a view's surface: at `hit`, or at most STRIDES steps in front of `hit`. If the steps
+ * do not reach the surface, or if all samples around lie far in front of the point, the view does not see the point,
+ * and the ray is removed from `active`. */
 INLINED floatl own_surface_before(const Views *views, int number, const ViewRay *view, floatl hit, intl *active)
 {
     floatl farthest, z = hit, from = hit, last = view_surface_before(views, number, view, hit, &farthest);

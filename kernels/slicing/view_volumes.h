@@ -173,8 +173,8 @@ INLINED floatl over_ribbons(const Views *views, global const int *size, floatl x
 }
 #endif
 
-/* Number of views, the first in testing order, where most points fail: a pixel's ray is transformed to their spaces
- * once. For later views, each point is transformed; on GPUs, for all views, as an indexed array would lie in device
+/* The number of views, first in testing order, for which a pixel's ray is transformed once; most points fail there. For
+ * later views, each point is transformed. So it is for all views on GPUs, as an indexed array would lie in device
  * memory. */
 #define RAYS_HELD (LANES == 1 ? 0 : 6)
 
