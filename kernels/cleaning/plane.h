@@ -18,8 +18,7 @@ typedef struct {
 #define IS_PACKET_OF_IMAGE(plane, x, row)                                                                      \
     (IS_ROW_OF_IMAGE(plane, row) && (x) >= ASIDE && (x) < ASIDE + (plane).width)
 
-/* Mask of a packet's lanes that are pixels of the image, if the packet's row belongs to the image. x: the first lane's
- * column */
+/* Mask of a packet's lanes in the image, if the packet's row belongs to the image. x: the first lane's column */
 #define IN_IMAGE(plane, x) ((x) + lane_index < (intl)(ASIDE + (plane).width))
 
 /* Loops over a work-item's `strip` packets in a row of a plane. Declares `row`, and x, the column of the first lane. */

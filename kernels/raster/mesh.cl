@@ -1,9 +1,8 @@
 /* Draws triangle meshes with texture, vertex colours and light.
  *
- * Values are interpolated perspective-correctly: a corner's weight at a pixel is the value of the opposite edge's
- * function, divided by the sum of the three functions. The texture is read bilinearly in the two mip levels whose
- * texels are closest in size to the pixel's footprint (Williams 1983); lib/footprint.h takes several samples along a
- * footprint's longer side.
+ * Values are interpolated perspective-correctly: a corner's weight at a pixel is the opposite edge's function, divided
+ * by the sum of the three functions. The texture is read bilinearly in the two mip levels closest to the size of the
+ * pixel's footprint (Williams 1983); lib/footprint.h takes several samples along a footprint's longer side.
  *
  * faces: (triangles, 3) vertex indices. projected, list, starts: bins.cl. depth, color, valid: (height, width) the
  * picture; nearer pixels stay, and the first of equally near triangles is visible.

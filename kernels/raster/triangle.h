@@ -10,8 +10,7 @@
 #include "lib/screen.h"
 #include "raster/region.h"
 
-/* Values of `culled`: the sign of the area of triangles that are not drawn. Triangles seen from behind have positive
- * areas. */
+/* Values of `culled`: the sign of the area of triangles that are not drawn. Seen from behind, areas are positive. */
 #define CULLS_NONE 0
 #define CULLS_BACKS 1
 #define CULLS_FRONTS -1

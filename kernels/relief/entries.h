@@ -20,7 +20,7 @@ typedef struct {
     intl searched_triangle[BLOCKS];       /* this entry's triangle */
     floatl t[BLOCKS];                     /* distance from the entry to the hit, in scene units */
     floatl share[BLOCKS];                 /* fraction of the quadric's curvature that the hit's depth follows */
-    intl escaped[BLOCKS];                 /* the ray from the first entry came out of that entry's quadric, without a hit */
+    intl escaped[BLOCKS];                 /* the first entry's ray came out of the entry's quadric without a hit */
     floatl exit[BLOCKS];                  /* nearness of the back through which the ray leaves the mesh; EMPTY: none */
     intl exit_triangle[BLOCKS];
 #if WALKS

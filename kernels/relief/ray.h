@@ -47,8 +47,8 @@ typedef struct {
 #define QUADRIC_DEPTH(ray, t) (START_DEPTH(ray) + (t) * ((ray)->L + (t) * (ray)->K))
 
 #if DISTANCE == PERPENDICULAR
-/* Equation 6. P = V t is on the ray, R = P + s U on the quadric. U, at right angles to V, is in the plane of V and the
- * normal N. */
+/* Equation 6. P = V t is on the ray, R = P + s U on the quadric; U, in the plane of V and normal N, is at right angles
+ * to V. */
 floatl depth_of(const ReliefRay *ray, floatl t)
 {
     const floatl depth = QUADRIC_DEPTH(ray, t), below = depth * ray->scale;

@@ -104,8 +104,7 @@ intl is_below(const Search *s, global const uint *texels, floatl t)
 }
 
 /* The paper's search: up to `steps` equal steps, then `halvings` bisections of the step that reached the surface. Local
- * arrays keep the loops' variables in registers. count: number of searches, a compile-time
- * constant */
+ * arrays keep the loops' variables in registers. count: number of searches, a compile-time constant */
 INLINED void linear_search(Search *searches, int count, global const uint *texels, int steps, int halvings)
 {
     floatl step[INTERLEAVED], before[INTERLEAVED];

@@ -45,8 +45,8 @@ INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 }
 
 /* The shading point's normal, tilted by the rises of the heights over a texel along u and along v, in HEIGHT_UNITs.
- * Slopes are measured on the surface that is parallel to the base and contains the point. The result is not a unit
- * vector. */
+ * Slopes are measured on the surface that is parallel to the base and contains the point. The result is not
+ * normalized. */
 INLINED Vector relief_normal_by_rises(const ShadingPoint *shading, const Entry *e, floatl across, floatl down,
                                       float scale, int quadric)
 {
