@@ -1,9 +1,9 @@
 /* States of the quadtree's triangles, from fine to coarse: whether all, some or none of a triangle's cells are drawn
  * (Pajarola, Sainz & Meng 2003, section 3.3).
  *
- * The state of a triangle is the union of the states of its two halves, which are sides of two children of the vertex.
- * In a block that is squeezed into the image (tree.h), the diagonal does not pass through the centre, so each side gets
- * the union of both sides' states.
+ * The state of a triangle is the union of the states of its two halves, which are sides of two children of the vertex
+ * that splits it. In a block that is squeezed into the image (tree.h), the diagonal does not pass through the centre,
+ * so each side gets the union of both sides' states.
  *
  * cells: samples.cl. states: (side + 1, row) states of both sides of each vertex (tree.h). Work-item:
  * `find_finest_states`: a row of vertices; writes the states of step 1, and 0 for other vertices. `find_states`: a row

@@ -1,4 +1,4 @@
-/* Fills a buffer of floats or uints. A work-item fills `share` elements, a multiple of LANES. Cost: O(elements). */
+/* Fills a buffer of floats or uints. Work-item: `share` elements; `share` is a multiple of LANES. Cost: O(elements). */
 #include "lib/lanes.h"
 
 #define SET_SHARE(vectors)                                                                                     \

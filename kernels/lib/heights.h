@@ -3,8 +3,8 @@
 /* Height maps, tiled or clamped (lib/wrap.h). Texel centres are at (i + 0.5) / size, so (x, y) = uv * size - 0.5 counts
  * from the first centre.
  *
- * HEIGHT_BYTES 1: 32 bits hold four heights: those at a texel, its right neighbour, and the two texels below.
- * HEIGHT_BYTES 2: 32 bits hold two heights: those at a texel and its right neighbour.
+ * HEIGHT_BYTES 1: 32 bits hold the heights of four texels: a texel, its right neighbour, and the two below.
+ * HEIGHT_BYTES 2: 32 bits hold the heights of a texel and its right neighbour.
  * The last texel of a row or column has the first texel as neighbour; in clamped maps, itself.
  */
 #include "lib/lanes.h"

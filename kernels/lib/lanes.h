@@ -44,7 +44,7 @@
 #endif
 
 /* UNROLLED: before a short loop with a constant number of steps, so that an array that the loop indexes stays in
- * registers. ROLLED: before a loop not to be unrolled, so that its steps share registers. */
+ * registers. ROLLED: before a loop that must not be unrolled, so that its steps share registers. */
 #if defined(__clang__) || defined(__NV_CL_C_VERSION)
 #define UNROLLED _Pragma("unroll")
 #define ROLLED _Pragma("unroll 1")

@@ -3,7 +3,7 @@
 /* Pixel space: one coordinate system for perspective and orthographic cameras.
  *
  * For a camera, a point has the homogeneous coordinates (U, V, W, Q): its pixel is (U/W, V/W) and its nearness is Q/W,
- * which is 1/z for a perspective camera and -z for an orthographic one. Nearer points have greater nearness for both;
+ * which is 1/z for a perspective camera and -z for an orthographic one. Nearer points have greater nearness with both;
  * W > 0 in front of the camera. Straight lines stay straight, triangles stay planar, and the map from one camera's
  * pixel space to another's is one 4x4 matrix (McMillan's warp equation with depth; Schaufler & Priglinger
  * 1999, equation 2). The matrix's last column is the epipole: the second camera's image of the first camera's centre.

@@ -7,7 +7,7 @@
  * along a straight line to each neighbour that is not torn off, and covers a ribbon; if there is no such neighbour, it
  * stays in place (a dot). If the neighbour is not thin, the ribbon ends at the neighbour's middle.
  *
- * Ribbons never cover other samples: a ribbon that crosses the pixel of a sample other than its two stops before this
+ * Ribbons never cover other samples: in the pixel of a sample that a ribbon does not join, the ribbon ends before the
  * sample's position. So a view from the image's own camera equals the image. A ribbon is planar: its nearness only
  * changes along the ribbon, and equals the samples' nearness at their positions.
  *

@@ -38,8 +38,8 @@ INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope
 
 /* Changes the depths of escaped rays, which leave the mesh `distance` behind their entries, if the cubic of
  * deepest_between reaches deeper than the depth below the quadric. The new depth is a parabola through the point where
- * the cubic is at the bottom, or deepest. It begins with the ray's slope, or a lower slope. Returns which rays are
- * changed; share: set to the fraction of the quadric's curvature that remains */
+ * the cubic is at the bottom, or deepest. The parabola begins with the ray's slope, or a lower slope. Returns which
+ * rays are changed; share: set to the fraction of the quadric's curvature that remains */
 intl follow_mesh(const Relief *relief, ReliefRay *ray, const Entry *out, Vector direction, floatl distance,
                  intl escaped, floatl *share)
 {

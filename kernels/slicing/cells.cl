@@ -5,7 +5,7 @@
  * the samples on both sides meet, and at a depth edge it continues with its slope.
  *
  * depth: (height, width). maps: from `start` on, (2, height, width) the samples' nearness, then cells. Work-item: STRIP
- * * LANES samples of a row, each the upper left one of a cell. Cost: O(samples). Determinism: cells are independent.
+ * packets of samples in a row, each the upper left one of a cell. Cost: O(samples). Determinism: cells are independent.
  */
 #include "lib/lanes.h"
 #include "lib/pixelspace.h"
