@@ -30,11 +30,12 @@ kernel void smooth_nearness(global const float *nearness, global float *smoothed
     const int y = get_global_id(0);
     if (y >= layout.height)
         return;
+    const float *of = layout.noise;
     for (int first = 0; first < layout.width; first += LANES) {
         const size_t at = (size_t)y * layout.pitch + first;
         const intl x = first + lane_index;
         const floatl n = load_lanes(nearness + at);
-        const floatl deviation = noise_of_nearness(&layout, layout.noise, n);
+        const floatl deviation = layout.perspective ? of[0] + (of[1] + of[2] * n) * n : (of[0] * n - of[1]) * n + of[2];
         const floatl sharpness = 1.0f / fmax(PAIR_REACH * deviation, fabs(n) * ROUNDING);
         floatl sum = 0.0f, weights = 1.0f; /* the sample itself has weight 1 and offset 0 */
         for (int dy = 0; dy <= PAIR_RADIUS; dy++)

@@ -142,7 +142,9 @@ INLINED Vector mean_normal(global const float *map, int width, int height, float
     {
         const floatl along = PROBE_OFFSET(f, i), weight = PROBE_WEIGHT(f, i);
         const Vector one = normal_in(map, width, height, level, u + f.u * along, v + f.v * along);
-        mean = plus_scaled(mean, weight, one);
+        mean.x += weight * one.x;
+        mean.y += weight * one.y;
+        mean.z += weight * one.z;
     }
     return mean;
 }

@@ -32,16 +32,19 @@ INLINED void carry_below(const Entry *e, floatl below, floatl *x, floatl *y)
 /* Sets the normal to the quadric's normal right above the point. */
 INLINED void set_normal(ShadingPoint *shading, const Entry *e, int quadric)
 {
-    Vector x, y;
+    Vector x, y, normal = e->normal;
     tangents_of(e, &x, &y);
     floatl px = DOT(shading->from_entry, x), py = DOT(shading->from_entry, y);
-    shading->normal = e->normal;
+    shading->normal = normal;
     if (!quadric)
         return;
     carry_below(e, shading->below, &px, &py);
-    const floatl along_x = 2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
-                 along_y = 2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
-    shading->normal = normalized(minus(e->normal, combined(along_x, x, along_y, y)));
+    const floatl along_x = -2.0f * quadric_form(e, px, py, 1.0f, 0.0f),
+                 along_y = -2.0f * quadric_form(e, px, py, 0.0f, 1.0f);
+    normal.x += along_x * x.x + along_y * y.x;
+    normal.y += along_x * x.y + along_y * y.y;
+    normal.z += along_x * x.z + along_y * y.z;
+    shading->normal = normalized(normal);
 }
 
 /* The shading point's normal, tilted by the rises of the heights over a texel along u and along v, in HEIGHT_UNITs.

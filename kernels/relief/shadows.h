@@ -43,11 +43,15 @@ LightRay light_ray(const Relief *relief, const Entry *e, const ShadingPoint *sha
     const floatl distance = select_lanes(made.leaves, 2.0f * depth / divisor, (floatl)0.0f),
                  lift = (found - depth) * scale;
     made.distance = distance;
-    made.exit = plus_scaled(plus_scaled(shading->point, lift, e->normal), distance, light);
+    made.exit.x = shading->point.x + lift * e->normal.x + distance * light.x;
+    made.exit.y = shading->point.y + lift * e->normal.y + distance * light.y;
+    made.exit.z = shading->point.z + lift * e->normal.z + distance * light.z;
     const floatl qx = px + distance * lx, qy = py + distance * ly; /* position of the exit */
     const floatl across = -2.0f * bends * quadric_form(e, qx, qy, 1.0f, 0.0f),
                  down = -2.0f * bends * quadric_form(e, qx, qy, 0.0f, 1.0f);
-    made.normal = normalized(plus_scaled(plus_scaled(e->normal, across, x), down, y));
+    const Vector normal = {e->normal.x + across * x.x + down * y.x, e->normal.y + across * x.y + down * y.y,
+                           e->normal.z + across * x.z + down * y.z};
+    made.normal = normalized(normal);
     ray->du = -DOT(light, e->along_u);
     ray->dv = -DOT(light, e->along_v);
     const floatl u = shading->place.u - ray->du * distance, v = shading->place.v - ray->dv * distance;

@@ -48,7 +48,9 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
             const int at = block + k;
             if (!any_lane(walk->active))
                 continue;
-            const Vector start = plus_scaled(walk->from, walk->reached, walk->direction);
+            const Vector start = {walk->from.x + walk->reached * walk->direction.x,
+                                  walk->from.y + walk->reached * walk->direction.y,
+                                  walk->from.z + walk->reached * walk->direction.z};
             const intl nearer = keep_hits(context, at, s, start, scaled(walk->direction, walk->way), walk->triangle,
                                           region);
             const floatl second = walk->second + s->t * walk->by_second, third = walk->third + s->t * walk->by_third;

@@ -135,8 +135,8 @@ INLINED Vector slice_normal_by_map(const Context *context, Vector base, intl tri
 {
     const Vector across = vector_at(context->frames, 3 * triangle + 1),
                  down = vector_at(context->frames, 3 * triangle + 2);
-    const floatl steep = -1.0f / max_lanes(own.z, (floatl)1e-3f);
-    return normalized(minus(base, combined(own.x * steep, across, own.y * steep, down)));
+    const floatl steep = 1.0f / max_lanes(own.z, (floatl)1e-3f);
+    return normalized(minus(base, combined(-own.x * steep, across, -own.y * steep, down)));
 }
 
 #if SHADOWED
