@@ -93,7 +93,7 @@ class _Counts(Watch):
 
 @contextmanager
 def counted_samples() -> Iterator[dict[str, Visited]]:
-    """Yield the visits of a call, separately for the sweep (or the search) and for `resolve`."""
+    """Yield the numbers of samples and pixels that kernels visit, separately for sweep (or search) and `resolve`."""
     counts = _Counts()
     with watching(counts):
         yield counts.of

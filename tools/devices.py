@@ -166,7 +166,7 @@ def _told(one: Agreement | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draw", type=Path, help="only make the calls on the current device, into this file")
+    parser.add_argument("--draw", type=Path, help="only make the calls on this device, and write results to this file")
     parser.add_argument("--first", type=Path, help="another device's results, to replace each launch's")
     parser.add_argument("--gpu-form", action="store_true")
     parser.add_argument("--folder", type=Path, default=ROOT / "build/devices", help="folder for Debian and results")

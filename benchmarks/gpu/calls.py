@@ -1,4 +1,7 @@
-"""Calls whose work is counted, for any size. Views are kept, so that a second call works like a second frame."""
+"""The pyibr calls for which `benchmarks.gpu.gpu` counts launches and instructions, for any picture size.
+
+Views are kept, so that a second call works like a second frame.
+"""
 
 from __future__ import annotations
 

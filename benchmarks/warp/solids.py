@@ -21,7 +21,7 @@ UNJUDGED, ONE_SURFACE, TWO_SURFACES = 0, 1, 2
 _SEAM = 1e-4  # relative to the depth: smaller jumps are rounding, or the step that is left after all halvings
 _JUMP = 2e-3  # relative to the depth: from _SEAM to here nothing is judged, since smooth surfaces bend as much
 _STEPS = 32  # steps between two pixels; parts thinner than a step may be missed
-_CHANGES = 4  # most changes from part to part within a step
+_CHANGES = 4  # maximum number of places within a step where a ray passes from one part to another
 _HALVINGS = 25  # per step; within the rest, the depth of a ball of 1 m at 3 m changes by less than _SEAM
 
 

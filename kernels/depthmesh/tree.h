@@ -117,7 +117,7 @@ intl cell_next_to(const Layout *layout, global const uchar *cells, intl x, int f
  * error, so smaller distances count as 0. */
 #define ROUNDING 0x1p-22f
 
-/* Marks of a triangulation's vertices. LISTED: corners of triangles; ACTIVE: corners that may be at right angles */
+/* Marks of vertices. LISTED: corner of a triangle; ACTIVE: also, triangles may have their right angle at the vertex */
 #define LISTED 2
 #define ACTIVE 3
 #define IS_ACTIVE(mark) ((mark) == ACTIVE)

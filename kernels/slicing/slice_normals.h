@@ -78,7 +78,8 @@ INLINED void gradients_on_slice(const SlicePoint *p, const SliceSides *sides, Ve
     *along_v = combined(p->v_second * inverse, across, p->v_third * inverse, down);
 }
 
-/* A normal, tilted by the slopes of the heights (0 to 1) per unit of u and of v on the slice */
+/* The slice's `normal`, tilted by the slopes of the height map. over_u, over_v: change of height per unit of u and of
+ * v, where heights go from 0 to 1. */
 INLINED Vector slice_normal_by_rises(const Context *context, const SlicePoint *p, const SliceSides *sides,
                                      Vector normal, floatl over_u, floatl over_v)
 {

@@ -61,9 +61,10 @@ typedef struct {
 /* A view's surface at a place, for `wanted` points with the nearness `mine` in the view. The surface is exact where it
  * may be close to the points; elsewhere it only lies on the correct side of them. reach: greatest difference in
  * nearness between surface and samples. outline: a cell's nearest part ends before background where the weights of the
- * part's samples sum to this; 0.5 is half-way, as a sample covers its pixel. In front of a farther surface, the part
- * instead slopes down to that surface, farther out if `outline` is smaller. creases: 0 leaves out creases between four
- * samples. */
+ * part's samples sum to this; 0.5 is half-way, as a sample covers its pixel. Beside a farther surface, the part does
+ * not end: the surface falls from the part to the farther surface, bilinearly with `outline` 0.5; with a smaller
+ * `outline` the part's nearness extends farther out. creases: 0: a cell whose four samples all belong to the nearest
+ * part is bilinear, without the crease that would rise above it. */
 INLINED SurfaceSample surface_at(global const float *map, global const int *size, Samples samples, float outline,
                                  float reach, floatl mine, intl wanted, int creases)
 {

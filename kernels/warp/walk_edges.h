@@ -37,7 +37,7 @@ INLINED uint walk_edges(Grid grid, SweepLines line, LineGroup group, PixelMap ma
     Projection before = project_at(targets, at, (floatl)NO_SURFACE);
     const floatl last_u = grid.width - 1, last_v = grid.height - 1;
     uint cells = 0;
-    /* A line enters each cell by a column or a row, each at most once. */
+    /* A line enters a new cell only by crossing a column or a row, and crosses none twice: so many cells are enough. */
     for (int cells_left = grid.width + grid.height + 6; cells_left > 0 && any_lane(active); cells_left--) {
         COUNT(cells, active)
         const floatl u = clamp_lanes(lines.u + lines.du * (at + PREFETCH_STEPS), (floatl)0.0f, last_u),

@@ -89,7 +89,10 @@ class Room:
 
 
 class MemoryPool:
-    """Free blocks by size. Finalizers return blocks in any thread and at any time, even during `take` and `give`."""
+    """Unused blocks of device memory, kept by size for reuse.
+
+    Finalizers return blocks in any thread and at any time, even during `take` and `give`.
+    """
 
     def __init__(self) -> None:
         self.size = 0

@@ -64,7 +64,7 @@ def entry_for(
     bias : float
         Shadow bias in scene units: how far drawn points may lie in front of the true surface.
     apart : int
-        Pixels between the depths from which normals are computed.
+        Distance in pixels from a pixel to the neighbours whose depths, with its own, give its normal.
     fade : float
         Cosine between light and normal below which direct light fades out; 0 for solids, whose fronts shadow their
         backs. With `relight`, Lambert's law applies instead.

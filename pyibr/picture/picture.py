@@ -83,7 +83,7 @@ def _checked_side(samples: int) -> int:
 
 
 def _averaged(fine: Target, camera: Camera, side: int, out: Frame | None) -> Target:
-    """Return a camera's picture from a picture of its samples."""
+    """Return the camera's picture: each pixel is averaged from its `side` x `side` samples in the picture `fine`."""
     target = Target(camera, fine.color.dtype, out=out, channels=fine.color.shape[-1])
     target.alpha = empty((camera.height, camera.width), np.float32)
     told: dict[str, DeviceArray] = {}

@@ -16,7 +16,7 @@ from pyibr.meshes.heights import Float32
 
 _NEWTON_STEPS = 4
 _CROSSINGS_MAX = 64  # steps from triangle to triangle in the search for the triangle above a point
-_OUTSIDE = -1e-6  # least weight of a corner
+_OUTSIDE = -1e-6  # a point is inside a triangle if no barycentric weight is below this; not 0, to allow for rounding
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class VisualHull(MeshableSolid):
     [0, 2, 4]
     """
 
-    silhouettes = True  # silhouettes have no depth, so the texture is "naive"
+    silhouettes = True  # no depth is used: points get colours from the closest images, as with texture="naive"
 
     def __init__(
         self,

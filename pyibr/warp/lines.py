@@ -22,7 +22,7 @@ from pyibr.core.pixelspace import Rectangle
 from pyibr.opencl.headers import struct
 
 _LEVELS_MAX = 4  # halvings of the distance to the epipole; the innermost ring is 1/16 of the fan's length
-_ROUNDING = 4e-7  # relative error of the kernel's float32, which decides between two fans on a diagonal
+_ROUNDING = 4e-7  # relative error of float32: a pixel so close to a diagonal may go to either fan, so both reach it
 _OFFSET = 0.137  # keeps lines clear of pixel borders, where rounding would decide ownership
 
 

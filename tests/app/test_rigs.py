@@ -88,7 +88,7 @@ def test_a_turntable_is_that_of_the_library(scene: Scene):
 
 
 def test_a_path_goes_through_its_cameras(scene: Scene):
-    """A path is a file of the viewer or a list. From its second camera, the plane is half as large as the picture."""
+    """`--path` takes a camera path as `pyibr view` saves it, or a list of cameras."""
     ends = [scene.camera, scene.camera.moved(0, 0, -2)]
     (scene.folder / "path.json").write_text(json.dumps(CameraPath(ends).to_json()))
     words = ("--path", scene.folder / "path.json", "--frames", 2, "--fill", "none", "--size", 30, 18)

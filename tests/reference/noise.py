@@ -17,7 +17,9 @@ _MANTISSA = 23  # bits of a float32's mantissa
 _ROUNDING = 2.0**-17  # fraction of the nearness: smaller differences may be rounding
 _EDGE = 0.1  # fraction of the nearness: there is an edge between neighbours that differ more
 _CELL = 2.0  # standard deviation of a cell's second difference, in deviations of one sample
-_FEW, _SMOOTH = 0.1, 0.8  # least fractions of cells without an edge that count, overall and in a range
+# If fewer than 10 % of all cells have no edge, cells with edges are used, too. Ranges of nearness in which at least
+# 80 % of the cells are used are preferred to other ranges.
+_FEW, _SMOOTH = 0.1, 0.8
 _MOST, _OF_MOST = 0.6, 0.39639  # the smallest 60 % of differences are averaged; their mean for unit normal noise
 _LEAST_QUARTER = 0.15793 / 1.4  # mean of the smallest 25 %, which edges raise less, with a reserve of 1.4
 _SHAPE = 9.0  # squared ratio of differences over two samples to differences over one: 1 for noise, 16 for curves

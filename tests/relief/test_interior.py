@@ -232,7 +232,7 @@ def test_maps_of_bytes_that_do_not_tile():
     ("distance_", "anisotropy"), [("perpendicular", 1), pytest.param("approximate", 8, marks=pytest.mark.thorough)]
 )
 def test_all_distances_are_one_within(distance_, anisotropy):
-    """On a plane, rays that start inside hit the same with each way to measure distance, and with filtered colours."""
+    """On a plane, rays from inside hit the same points with each way to measure distance and with filtered colours."""
     camera = looking(plane, 4 / 9, 4 / 9, 0.05, LOOKS["along u"])
     plain = ibr.render(relief("plane", search="linear", steps=256), camera)
     other = relief("plane", search="linear", steps=256, distance=distance_)

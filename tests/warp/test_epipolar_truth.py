@@ -31,7 +31,7 @@ SOURCE, TARGET = (160, 120), (150, 125)
 
 DEPTH = 1e-3  # relative: the promised precision of the warp for linear samples
 ROUNDING = 1e-5  # relative: float32 depth after a few dozen operations on pixels up to 256
-RIGHT = 0.999  # fraction of the interior pixels that must be right; `interior` leaves in some that lie at thin parts
+RIGHT = 0.999  # fraction of `interior` that must be right: it excludes pixels near edges, but misses some at thin parts
 COVERAGE = 0.005  # fraction of the image that may be a hole in one picture only: pixels at silhouettes
 AGREEMENT = 0.995  # fraction of the image where the sweep and the search must agree; silhouettes may differ
 COLUMNS = 512  # more than any image has columns or rows
