@@ -14,7 +14,7 @@ _SHADOW_MAX = 16384
 _FADE = 0.02  # fraction of a spot's angle over which the light fades
 _ANGLE_MIN = 1e-3  # degrees: in single precision, the cosine of a smaller angle is 1
 _BRIGHTNESS_MAX = 1e6  # above, products may exceed single precision
-_DISTANCE_MAX = 1e15  # scene units
+_DISTANCE_MAX = 1e15  # scene units: greatest coordinate of a light's position
 
 
 class Light(Immutable):

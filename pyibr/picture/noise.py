@@ -28,7 +28,7 @@ class NoiseOnDevice:
 
 
 def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
-    """Return the noise, given or estimated once, without a wait; `depth`: the depth, if it is on the device."""
+    """Return the given noise, or begin to estimate it, once; `depth`: the image's depth, if it is on the device."""
     if noise.given is not None:
         return NoiseOnDevice(upload(np.array(noise.given, np.float32)))
     return _found(noise, depth)
@@ -37,7 +37,7 @@ def noise_on_device(noise: DepthNoise, depth: DeviceArray | None = None) -> Nois
 def _found(noise: DepthNoise, depth: DeviceArray | None = None) -> NoiseOnDevice:
     def made() -> NoiseOnDevice:
         height, width = noise.depth.shape
-        # A strip of n samples takes n + 2 values, and there are at most cells / (2 n) + 1 strips, besides a packet.
+        # A strip of n samples takes n + 2 values; there are at most cells / (2 n) + 1 strips, and a packet more.
         strips = 3 * (3 * noise.cells + width + height + 64)
         found = NoiseOnDevice(empty((2, 3), np.float32))
         launch(

@@ -21,8 +21,8 @@ from pyibr.opencl.memory import empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import cut_of, samples_of
 
-_CUT_RATIO = 1.05  # the default in pictures
-NEIGHBOUR_OFFSET_MAX = 64  # pixels between the depths from which normals are computed
+_CUT_RATIO = 1.05  # neighbours whose depths have a greater ratio lie on different surfaces
+NEIGHBOUR_OFFSET_MAX = 64  # greatest distance, in pixels, to the neighbours whose depths give a pixel's normal
 _DEVIATIONS = 3.0  # shadow bias in standard deviations of the noise
 _MOST_OF = 0.9  # the noise is evaluated at this quantile of the depths
 _SLOPE_ERROR_MAX = 0.1  # standard deviation of slopes due to noise: 6 degrees for a surface that faces the camera
@@ -140,7 +140,7 @@ def _radius(view: DepthImage) -> int:
     if not view.valid.any():
         return 1
     z, camera = float(np.median(view.depth[view.valid].astype(np.float64))), view.camera
-    pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # per scene unit, at depth 1 or everywhere
+    pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # per scene unit: at depth 1 if perspective
     noise = _noise_at(view, z) * pixels / (z if camera.projection == "perspective" else 1.0)
     radius_max = int(constant("picture/normals.cl", "RADIUS_MAX"))
     for radius in range(1, radius_max):

@@ -24,7 +24,7 @@ Bounds = tuple[NDArray[Any], NDArray[Any]]
 _ANGLE_MAX = 120.0  # degrees that one perspective map may cover: for wider angles, texels at its edge get too large
 _MARGIN = 4  # texels left free around a map: points are moved by up to 2 texels, and reads reach 1 texel farther
 _THIN = 1e-6  # least extent of a map, relative to the longer side
-_ANGLE_MIN = 1e-3  # degrees
+_ANGLE_MIN = 1e-3  # degrees that a perspective map covers at least
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Lighting:
 
 @dataclass(frozen=True)
 class _CachedMaps:
-    """Shadow maps of the last scene of a light. Without a reference to the light, which would keep itself alive."""
+    """Shadow maps of a light's last scene. They hold no reference to the light, so that it can be freed."""
 
     things: Sequence[weakref.ref[Immutable]]
     maps: DeviceArray

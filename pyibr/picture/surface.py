@@ -1,4 +1,4 @@
-"""The surface of a depth image on the device: edges between samples, and half a pixel more at the border."""
+"""The surface of a depth image on the device: edges between samples, and half a pixel more at the image's border."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pyibr.picture.samples import Samples, begun_samples, cut_of, keep_samples, 
 
 _STEEPEST = 8.0  # depth over width: a surface with a smaller slope between samples faces the camera
 _SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # initial capacity; if there are more margins, they are found again
-_STEEP = 0.025  # limit relative to the nearness: in small images, _STEEPEST alone would hide small edges
+_STEEP = 0.025  # and its nearness changes by at most this fraction: with few samples, _STEEPEST would hide small edges
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Surface:
 class EdgeTest:
     """Test that decides which neighbours in a depth image are torn apart, as the kernels' structs Cut and EdgeTest."""
 
-    cut: NDArray[np.void]  # a test of depths alone; if `straight` is in use, only for pairs that it cannot test
+    cut: NDArray[np.void]  # a test of two depths alone
     straight: NDArray[np.void]
 
 

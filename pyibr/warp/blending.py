@@ -25,9 +25,9 @@ from pyibr.warp.launches import map_of
 
 Blend = Literal["quality", "nearest"]
 
-_HELD_BYTES = 1 << 26  # size of the layers that are kept; all other views are drawn twice
+_HELD_BYTES = 1 << 26  # layers are kept up to this total size; all further views are drawn twice
 _HELD_MIN = 6  # number of layers that are kept in any case
-_CUTS_MAX = 4  # cached images of a view's distances to edges, one for each edge test
+_CUTS_MAX = 4  # a view caches its samples' distances to edges for this many edge tests
 NOISE_MAX = 1e18  # scene units: products of greater noise and depths may exceed single precision
 
 
@@ -52,8 +52,8 @@ def blend(
 ) -> None:
     """Draw the blended picture of some layers, which are added in their order.
 
-    draw: draws a layer alone into a target. own: receives one layer after the other; with normals, if `entry` draws
-    them. entry: the entry of a picture in a light.
+    draw: draws a layer alone into a target. own: the target for one layer after the other, with normals if `entry`
+    draws them. entry: the result of `entry_for` for the picture.
     """
     making = _Blending(target, own, draw, entry, len(layers))
     held, *others = (layers[at : at + making.held] for at in range(0, len(layers), making.held))
@@ -120,7 +120,7 @@ class _Blending:
             )
 
     def find_nearest(self, layers: Sequence[Layer], *, first: bool) -> None:
-        """Find the nearest surface of the kept layers and the earlier ones."""
+        """Find each pixel's nearest surface among the kept layers and, unless `first`, the layers of earlier calls."""
         nearest_layers = kernel("warp/blend.cl", "nearest_layers", **self._defines)
         launch(nearest_layers, self._grid, first=first, **self._held(layers))
 
@@ -139,7 +139,7 @@ class _Blending:
         }
 
     def add_layers(self, layers: Sequence[Layer], *, first: bool, last: bool) -> None:
-        """Add the kept layers to the earlier ones; the last layers complete the picture."""
+        """Add the kept layers to the layers of earlier calls; with `last`, complete the picture."""
         launch(
             kernel("warp/blend.cl", "blend_layers", **self._defines),
             self._grid,
@@ -160,7 +160,7 @@ def edges_of(view: DepthImage, surface: Surface) -> DeviceArray:
 
 
 def edge_view(view: DepthImage) -> Struct:
-    """The kernels' struct EdgeView, which defines steps of a view's surface."""
+    """The kernels' struct EdgeView: the size of a view, and its limits for steps of the surface."""
     camera = view.camera
     values = np.zeros((), struct("warp/view_edges.cl", "EdgeView"))
     values["width"], values["height"], values["pitch"] = *camera.size, pitch(camera.width)

@@ -26,18 +26,18 @@ from pyibr.warp.launches import map_of
 Fill = Literal["background", "smooth", "inpaint"]
 
 _DEVIATIONS = 3 * 2**0.5
-"""In standard deviations of a sample: three of the difference of two samples, which noise alone seldom exceeds."""
+"""Noise alone seldom makes two samples differ by more than this multiple of one sample's standard deviation."""
 _ONE_SURFACE = 0.015
 """Largest difference in depth within a surface: a fraction of the depth, or of an orthographic image's longer side."""
-_RUN = 64  # pixels of a row: behind_runs finds the holes among so many together
-_RADIUS = 3  # pixels: the surroundings that determine a pixel inpainted by OpenCV
-_STEPS = 65535.0  # range to which floats are scaled: OpenCV adds about 1 to each pixel, whatever the image's range is
+_RUN = 64  # pixels of a row in which `behind_runs` finds the holes at once, as bits of a word
+_RADIUS = 3  # pixels: OpenCV inpaints a pixel from its surroundings within this radius
+_STEPS = 65535.0  # floats are scaled to the range from 0 to this: in any range, OpenCV adds about 1 to each pixel
 
 
 def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
     """Fill holes from the views and the current picture.
 
-    The nearest view counts most; among equally near views the first.
+    The view with the least parallax counts most; among views with equal parallax, the first.
     """
     target.filled = True
     if how == "inpaint":
@@ -55,9 +55,9 @@ def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelM
 
 
 def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> DeviceArray:
-    """Find depth behind holes, and its falloff, along lines through the epipole, (3,) homogeneous; all 0: along rows.
+    """Find the depth behind holes, and its falloff, along lines through the epipole.
 
-    noise: the view's noise, in the form of `DepthImage.noise`.
+    epipole: (3,) homogeneous; if all 0, the lines are rows. noise: the view's, in the form of `DepthImage.noise`.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, flo
     shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[2], **ends}
     profile = current().profile
     x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
-    # An epipole at infinity gives all lines one direction. If it leads exactly to a neighbour, pixels share lines, too.
+    # If the epipole is at infinity, lines are parallel. If they lead exactly to a neighbour, each holds many pixels.
     if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
         dx, dy = (x, y) if (y, x) > (0, 0) else (-x, -y) if x or y else (1, 0)
         grid = -(-width // (profile.strip * _RUN)), height
@@ -88,7 +88,7 @@ def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, flo
 
 
 def _same_surface(camera: Camera, noise: tuple[float, float, float]) -> Struct:
-    """The kernels' struct Same: how far apart in depth pixels of one surface may be in a camera's picture."""
+    """The kernels' struct Same: the largest difference of depth between pixels of one surface in a picture."""
     values = np.zeros((), struct("warp/behind.cl", "Same"))
     values["same_2"], values["same_1"], values["same_0"] = (_DEVIATIONS * each for each in noise)
     if camera.projection == "perspective":

@@ -29,7 +29,7 @@ from pyibr.warp.lines import line_groups
 
 _NEIGHBOUR_OFFSET_MAX = 16
 _LINES = 8  # usual upper bound for the number of lines, as a multiple of a picture's width + height
-_LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl, measured
+_LOOK_TORN, _LOOK_CONNECTED = (1.0, 1.5), (0.5, 4.0)  # `rough` and `window` of kernels/warp/resolve.cl: best measured
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ def map_of(pair: CameraPair) -> Struct:
 
 @dataclass(frozen=True)
 class Pass:
-    """One view's surface on its way into a target; the methods launch the kernels."""
+    """One view's surface and the target to draw it into; the methods launch the kernels."""
 
     surface: Surface
     pixel_map: PixelMap  # from the view to the target
     target: Target
     options: Options
     view: int = 0  # index of the view
-    entry: Entry = NO_ENTRY  # entry of a picture in a light, with the samples' normals if it draws them
+    entry: Entry = NO_ENTRY  # result of `entry_for`; if it draws normals, with the samples' normals as an argument
 
     @cached_property
     def _source(self) -> dict[str, Any]:
@@ -87,7 +87,7 @@ class Pass:
 
     @property
     def _sweeps_all(self) -> bool:
-        """Tell whether the sweep, if there is one, covers all pixels of its lines: rows or columns of the picture."""
+        """Tell whether the sweep, if there is one, writes all pixels of the rows (or columns) that are its lines."""
         return self.pixel_map.pair.aligned and not self.options.search and not current().profile.segment
 
     def draw(self, *, in_reach: bool = False) -> None:
@@ -107,9 +107,9 @@ class Pass:
         target.blank = in_reach and target.blank
 
     def _room_for_hits(self, plane: int) -> tuple[DeviceArray, int]:
-        """Allocate planes of line hits and margin hits, `plane` values each, EMPTY unless the sweep clears them.
+        """Allocate planes for hits of lines and of margins, `plane` values each; EMPTY, unless the sweep writes all.
 
-        Also return their end. Idle lanes of the sweep write beyond it.
+        Also return the index of the planes' end. From there on, idle lanes of the sweep write.
         """
         size, profile = self.target.camera.size, current().profile
         lines = _LINES * (sum(size) + profile.lanes) * (max(size) // profile.segment + 1 if profile.segment else 1)
@@ -126,7 +126,7 @@ class Pass:
         return hits, spare
 
     def _find_hits(self, hits: DeviceArray, spare: int, plane: int) -> tuple[DeviceArray, str]:
-        """Find hits by lines (or a search), and draw patches; return the hits and their kind: the suffix of HITS_..."""
+        """Find hits by lines (or a search), and draw patches; return the hits and their kind, as in HITS_OF_LINES."""
         surface, pair, reach, epipole = self.surface, self.pixel_map.pair, self.pixel_map.reach, self.pixel_map.epipole
         profile = current().profile
         area = _whole_lines(reach, epipole, self.target.camera) if pair.aligned and not reach.empty else reach
@@ -187,7 +187,7 @@ class Pass:
         profile, target, pixel_map, connected = current().profile, self.target, self.pixel_map, self.options.connected
         area = pixel_map.reach if in_reach else Rectangle(0, target.camera.width, 0, target.camera.height)
         rough, window = _LOOK_CONNECTED if connected else _LOOK_TORN
-        # Hits of aligned lines are final. The parameters of a search around other hits take time to compute.
+        # Hits of aligned lines are final. Around other hits `resolve` searches, by values that take time to compute.
         is_exact = pixel_map.pair.aligned and kind == "OF_PIXELS"
         density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
         launch(
@@ -253,7 +253,7 @@ class Pass:
 
 
 def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangle:
-    """Extend `reach` to all rows of the picture, or all columns: those that run along the epipole's axis."""
+    """Extend `reach` to all rows of the picture if the lines run along rows, otherwise to all columns."""
     if epipole[0] != 0.0:
         return replace(reach, low_y=0, high_y=camera.height)
     return replace(reach, low_x=0, high_x=camera.width)
@@ -262,8 +262,8 @@ def _whole_lines(reach: Rectangle, epipole: Float64, camera: Camera) -> Rectangl
 def _defines_of_sweep(pair: CameraPair, options: Options) -> dict[str, int]:
     """Defines of kernels/warp/epipolar.cl.
 
-    Lines through the pixels' centres must be exact, and connected surfaces have crests that no line may miss.
-    Elsewhere lines only show where to look.
+    Lines through the pixels' centres must be exact, and connected surfaces have crests that no line may miss. In other
+    cases, `resolve` only searches around the hits.
     """
     on_samples = pair.aligned and pair.off_samples < constant("lib/surface.h", "ON_SAMPLES")
     exact, segment = not (on_samples if pair.aligned else not options.connected), current().profile.segment
@@ -277,7 +277,7 @@ def defines_of(target: Target, entry: Entry) -> dict[str, int]:
 
 
 def build_ahead_of_warp(pair: CameraPair, options: Options, defines: dict[str, int]) -> None:
-    """Build the programs that `Pass.draw` needs, in their order, in parallel to this process."""
+    """Start to build the programs that `Pass.draw` needs, in the order of their use, in another process."""
     build_ahead("picture/begin.cl", "prepare" if current().profile.band else "find_edges")
     if not options.search:
         build_ahead("warp/epipolar.cl", "epipolar_sweep", compiled=False, **_defines_of_sweep(pair, options))
@@ -286,7 +286,7 @@ def build_ahead_of_warp(pair: CameraPair, options: Options, defines: dict[str, i
 
 
 def forward_warp(samples: Samples, pixel_map: PixelMap, target: Target, size: float, entry: Entry = NO_ENTRY) -> None:
-    """Carry each sample over to a square of `size` pixels."""
+    """Draw each sample as a square of target pixels; `size`: the square's side."""
     defines = {**target.color_defines, **entry.defines}
     shared = {"map": map_of(pixel_map.pair), **_nothing_entered(target.camera)}
     for by_index in (False, True):

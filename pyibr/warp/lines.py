@@ -2,7 +2,8 @@
 
 The epipole may lie in any of nine regions in and around the image, or at infinity (Schaufler & Priglinger 1999, table 1
 and figure 7). The lines form at most four fans: they advance mainly in x or mainly in y, on either side of the epipole.
-The paper walks as many borders. In each fan lines are one pixel apart at the column (or row) farthest from the epipole.
+The paper starts lines at as many borders. A fan's lines are one pixel apart at its column (or row) farthest from the
+epipole.
 Each time the distance to the epipole halves, every second line ends, so that pixels near the epipole are not visited
 much more often than others (the squares around the epipole that the paper proposes in section 8).
 """
@@ -23,16 +24,16 @@ from pyibr.opencl.headers import struct
 
 _LEVELS_MAX = 4  # halvings of the distance to the epipole; the innermost ring is 1/16 of the fan's length
 _ROUNDING = 4e-7  # relative error of float32: a pixel so close to a diagonal may go to either fan, so both reach it
-_OFFSET = 0.137  # keeps lines clear of pixel borders, where rounding would decide ownership
+_OFFSET = 0.137  # pixels: moves lines off the borders of pixels, where rounding would decide which pixel gets a hit
 
 
 @dataclass(frozen=True)
 class _Fan:
-    """Lines on one side of the epipole that advance along one axis; `distance` is D of kernels/warp/epipolar.cl."""
+    """Lines on one side of the epipole that advance along `axis`; `distance` is D of kernels/warp/epipolar.cl."""
 
     axis: int
     side: int
-    along: tuple[int, int]  # first and last pixel
+    along: tuple[int, int]  # first and last pixel of the area along `axis`
     across: tuple[int, int]
     e_along: float
     e_across: float
@@ -49,7 +50,7 @@ class _Fan:
 
     @cached_property
     def nearest(self) -> float:
-        """Least distance in the area, relative to the reference's; <= 0 if the area's columns contain the epipole."""
+        """Least distance in the area, relative to the reference's; <= 0 if the area extends to or past the epipole."""
         return min(map(self.distance, self.along)) / self.distance(self.reference)
 
     @property
@@ -58,7 +59,7 @@ class _Fan:
         return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
 
     def reach(self) -> tuple[float, float]:
-        """Range, at the reference, of the lines that cross the area and are no steeper than one to one."""
+        """Range of positions, at the reference, of lines that cross the area within 45 degrees of `axis`."""
         low, high = -math.inf, math.inf
         if self.nearest > 0.0:
             cuts = [
@@ -93,13 +94,13 @@ def line_groups(
     Parameters
     ----------
     epipole : (3,) float64
-        Homogeneous, with its sign: the image of the source's centre; (x, y, 0) is a direction.
+        Image of the source's centre: homogeneous, and the sign counts; (x, y, 0) is a direction.
     area : Rectangle
         Pixels to cover.
     lanes : int
         Lines per work-item.
     through_pixels : bool
-        Put lines that run along rows or columns through the pixels' centres, instead of next to them.
+        Whether lines along rows or columns run through the pixels' centres; otherwise they run beside the centres.
     segment : int
         Pixels of a line that one work-item processes; 0: all.
 

@@ -22,13 +22,13 @@ from pyibr.picture.surface import Margins, Surface, make_surface, surface_of
 from pyibr.warp.blending import NOISE_MAX, edge_view
 
 _SETS_MAX = 2  # sets of views whose surfaces their first view caches
-_POINTS_MAX = 1 << 21  # points in one list, unless a single view has more
+_POINTS_MAX = 1 << 21  # points in one batch, unless a single view has more
 _FILE = "warp/looked_through.cl"
 
 
 @dataclass(frozen=True)
 class _Member:
-    """View of the set, as the kernels' struct SetView; its surface, and the part that remains of this surface."""
+    """A view of the set, its struct SetView for the kernels, its surface `own`, and the part of `own` that remains."""
 
     view: DepthImage
     record: Struct
@@ -41,7 +41,7 @@ def surfaces_of(views: Sequence[DepthImage], cut_ratio: float | None) -> list[Su
     """Find the surfaces of a set of views on the current device, without what other views have looked through.
 
     The surfaces are made once for a set, and its first view caches them. With a `cut_ratio`, as in `surface_of`, the
-    ratio alone decides about bridges.
+    ratio alone decides which bridges are torn.
     """
     key = tuple(ref(view) for view in views), cut_ratio
     return cached_on_device(views[0], "looked through", lambda: _made(views, cut_ratio), key, _SETS_MAX)
@@ -142,7 +142,7 @@ class _Points:
 
 
 def _batches(counts: Sequence[int] | NDArray[np.int32]) -> Iterator[_Points]:
-    """Divide the members' points into batches, each of as many members as fit."""
+    """Divide the points into batches of at most `_POINTS_MAX`; each batch has all points of its members."""
     batch: dict[int, int] = {}
     for number, count in enumerate(map(int, counts)):
         if batch and sum(batch.values()) + count > _POINTS_MAX:

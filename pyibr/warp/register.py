@@ -31,9 +31,9 @@ from pyibr.warp.launches import Options, Pass, map_of
 
 AnyDepth = TypeVar("AnyDepth", NDArray[np.float32], NDArray[np.uint16])
 
-_CUT_RATIO = 1.05  # ratio of depths of different surfaces, where only two depths are known
+_CUT_RATIO = 1.05  # neighbours whose depths have a greater ratio may belong to different surfaces
 _DEVIATIONS = 3 * 2**0.5  # as in `pyibr.warp.filling`
-_STRIDE, _RANGE = 7, (0.02, 0.98)  # every 7th sample of every 7th row; quantiles that bound the range of depth
+_STRIDE, _RANGE = 7, (0.02, 0.98)  # the range of depth: two quantiles of every 7th sample in every 7th row
 _LENSES = {  # LENS of kernels/lib/lens.h
     "brown_conrady": 1,
     "rational": 1,
@@ -220,8 +220,8 @@ class _Drawn:
     """A depth image drawn as a picture of depth."""
 
     source: DepthImage  # the image, undistorted
-    cut: NDArray[np.void]  # the kernels' struct Cut for the image,
-    cut_there: NDArray[np.void]  # and for the picture
+    cut: NDArray[np.void]  # the kernels' struct Cut for the image
+    cut_there: NDArray[np.void]  # the kernels' struct Cut for the picture
     samples: Samples  # the image's samples, with single missing ones bridged amid a surface
     picture: Target
 
@@ -234,7 +234,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
     cut_there = cut_of(camera, ratio, noise if own == there else _noise_in(view, there))
     source = undistorted_view(view, cut)
     samples = bridged_samples(source, cut)
-    # A gap is worse here than a bridge over a small step: both tests must agree to tear.
+    # Here a gap is worse than a bridge over a small step, so neighbours are torn only if both tests tear them.
     test = straightness_test(source.camera, cut) if cut_ratio is None else test_by_cut(source.camera, cut)
     surface = make_surface(samples, source.camera.size, test)
     targets: list[Target] = []
@@ -247,7 +247,7 @@ def _drawn(view: DepthImage, camera: Camera, cut_ratio: float | None) -> _Drawn:
 
 
 def _noise_in(view: DepthImage, projection: Projection) -> tuple[float, float]:
-    """Difference of neighbours that noise alone explains in an image of this projection, in the form for `cut_of`."""
+    """Largest difference between neighbours that noise explains, as `noise` of `cut_of` for this projection."""
     if not any(view.noise):
         return 0.0, 0.0
     a, b, c = (_DEVIATIONS * each for each in view.noise)
@@ -269,7 +269,7 @@ def _noise(view: DepthImage) -> Struct:
 
 
 def _lens(camera: Camera) -> tuple[int, Struct]:
-    """LENS of kernels/lib/lens.h and its struct."""
+    """The lens's number LENS and struct, of kernels/lib/lens.h."""
     values = np.zeros((), struct("lib/lens.h", "Lens"))
     (values["fx"], values["skew"], values["cx"]), (_, values["fy"], values["cy"]), _ = camera.K
     if camera.lens is None:

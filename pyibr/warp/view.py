@@ -39,7 +39,7 @@ Method = Literal["epipolar", "search", "forward"]
 Edges = Literal["connect", "cut"]
 
 _SPLAT_MAX = 64.0
-_LENS_CUT_RATIO = 1.05  # ratio of depths: an undistorted image is not interpolated across a greater one
+_LENS_CUT_RATIO = 1.05  # undistortion does not interpolate between neighbours whose depths have a greater ratio
 
 
 class WarpOptions(TypedDict, total=False):
@@ -61,8 +61,8 @@ class WarpedView(Immutable):
 
     A depth image defines a surface: the grid of its samples, extended to the borders of the outermost pixels. Each
     cell is split from its upper right to its lower left corner. A target pixel shows the first surface on its ray.
-    `pyibr.warp` draws one such object alone; `pyibr.render` draws it together with other objects, where a bare
-    `DepthImage` stands for one with the defaults.
+    `pyibr.warp` draws one such object alone; `pyibr.render` draws it together with other objects, and draws a
+    `DepthImage` as a `WarpedView` with default options.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ class WarpedView(Immutable):
         The sources, perspective or orthographic, with colours of one dtype, or all without colours. Their buffers stay
         on the device, so that drawing the same object again is cheaper.
     method : {"epipolar", "search", "forward"}
-        "epipolar" sweeps whole epipolar lines, O(n^2) (section 4 of the paper). "search" lets each pixel search its own
-        epipolar segment, O(n^3). "forward" carries each sample over as a point, which leaves gaps where the target sees
-        the surface larger than the source did; it ignores `interpolation`, `edges` and `side`.
+        "epipolar" sweeps whole epipolar lines: O(n^2) for n x n pixels (section 4 of the paper). "search" lets each
+        pixel search its own epipolar segment: O(n^3). "forward" moves each sample as a point, which leaves gaps where
+        the target sees the surface larger than the source did; it ignores `interpolation`, `edges` and `side`.
     interpolation : {"linear", "nearest"}
         Interpolate depth and colour between the samples, or take both from the sample nearest to the ray's hit.
     edges : {"cut", "connect"}
@@ -91,9 +91,9 @@ class WarpedView(Immutable):
         is a hole.
     fill : {None, "background", "smooth", "inpaint"}
         How holes are filled; `valid` stays False there, and depth is filled, too. Holes are filled after all objects
-        have been drawn, so that invented colour hides nothing that was seen. "background" continues the surface behind
-        from all around each hole; foreground along the rim has a fifth of the weight. Where a view has a colour but no
-        depth, the hole gets this colour (black counts as none). "smooth" continues all surroundings, weighted by
+        have been drawn, so that invented colour hides nothing that was seen. "background" continues the farther surface
+        around a hole into it; nearer surface at the hole's rim has a fifth of the weight. Where a view has a colour but
+        no depth, the hole gets this colour (black counts as none). "smooth" continues all surroundings, weighted by
         distance. "inpaint" continues colours by OpenCV (Telea 2004), which is slower.
     thin : bool
         Draw oblique objects one sample thin (wires, leaves, bars) whole, as wide as their samples; otherwise their
@@ -224,7 +224,7 @@ class WarpedView(Immutable):
 
     @cached_property
     def _options(self) -> Options:
-        """The options in the kernels' terms."""
+        """The options in the form that `Pass` takes."""
         return Options(self.method == "search", self.interpolation == "linear", self.edges == "connect", self.side)
 
     def _draw_views(self, target: Target, lighting: Lighting | None) -> None:
@@ -255,7 +255,7 @@ class WarpedView(Immutable):
         view = self.sources[number]
         surface, pixel_map = self._surface_of(number, target)
         gains = self._gains[number] if target.color.shape[2] else np.ones(3)
-        whole = self.thin or self.method == "forward"  # both draw beyond the surface
+        whole = self.thin or self.method == "forward"  # both also draw pixels beyond the surface
         area = Rectangle(0, target.camera.width, 0, target.camera.height) if whole else pixel_map.reach
         return Layer(number, view, pixel_map, area, surface, gains)
 
@@ -286,7 +286,7 @@ class WarpedView(Immutable):
             drawn.draw_thin()
 
     def _surface_of(self, number: int, target: Target) -> tuple[Surface, PixelMap]:
-        """A view's surface, with the colours that the target shows, and its map into the target."""
+        """Return a view's surface, with colours in the target's format, and the view's map into the target."""
         view = self.sources[number]
         if len(self.sources) == 1 or self.edges == "connect" or self.method == "forward":
             surface = surface_of(_shown(view, target), self.cut_ratio, self.edges == "connect")
@@ -301,14 +301,14 @@ class WarpedView(Immutable):
         return dict(zip(self._order, surfaces_of(views, self.cut_ratio), strict=True))
 
     def _bias(self, target: Target) -> tuple[float, int]:
-        """Return `bias` and `apart` for `entry_for`: in scene units, and in pixels of the picture."""
+        """Return `bias` (in scene units) and `apart` (in pixels of the picture) for `entry_for`."""
         low, high = self.bounds
         middle = 0.5 * (low + high)
         noise, apart = noise_bias(self.sources, target.camera, middle)
         if self.interpolation == "linear" and self.method != "forward":
             return noise, apart
         sample = max(pixel_size(view.camera, middle) for view in self.sources)
-        if self.interpolation == "linear":  # squares at the depths of their samples
+        if self.interpolation == "linear":  # the method is "forward": squares have the depths of their samples
             return sample + noise, apart
         pixel = pixel_size(target.camera, middle)
         steps = math.ceil(min(4 * max(sample / pixel, 1), NEIGHBOUR_OFFSET_MAX)) if pixel > 0 else NEIGHBOUR_OFFSET_MAX
@@ -325,7 +325,7 @@ def _(thing: DepthImage) -> WarpedView:
 
 
 def _placed(view: DepthImage, target: Target) -> tuple[Samples, PixelMap]:
-    """Samples of a view, in the colours or normals that the target shows, and its map into the target."""
+    """Return the samples of a view, with colours in the target's format, and the view's map into the target."""
     samples = samples_of(_shown(view, target))
     return samples, PixelMap(camera_pair(view.camera, target.camera), samples)
 

@@ -81,9 +81,9 @@ def warp(
         silhouettes and depth edges smooth, at up to as many times the cost; `Frame.alpha` gives the covered part of
         each pixel. `origins` and `classes` require a single sample.
     out : Frame or sequence of Frame, optional
-        Frames whose arrays are overwritten instead of new ones: C-contiguous and writable, of the target's size and the
-        views' dtype, all different. Arrays for `origins` and `classes` are new in any case. If Ctrl-C ends the call,
-        the frames are partly written.
+        Frames to write into, instead of new ones. Their arrays are C-contiguous and writable, have the target's size
+        and the views' dtype, and share no memory. Arrays for `origins` and `classes` are new in any case. If Ctrl-C
+        ends the call, the frames are partly written.
     **options
         Options of `WarpedView`, such as `method`, `interpolation`, `edges` and `fill`.
 
