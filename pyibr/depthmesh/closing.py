@@ -49,7 +49,7 @@ class CoarseMesh:
 class Closing:
     """Surfaces that close holes, and the free space that each view has seen in front of surfaces.
 
-    If sheets close holes, there are only `surfaces`, which contain them.
+    If sheets close holes, only `surfaces` is not empty, and contains the sheets.
     """
 
     surfaces: list[CoarseMesh]  # of each view; they show in holes

@@ -35,7 +35,7 @@ class FarSides:
 
 
 def far_sides_of(tree: Tree, limit: Float32) -> FarSides:
-    """Extrapolate the far sides of a view's depth edges; `limit`: its depths, infinite for background, 0 if unknown.
+    """Extrapolate the far sides of a view's edges; `limit`: the view's depths, infinite for background, 0 if unknown.
 
     Each sample continues the far side of the edge that is nearest in the image: it lies in the tangent plane of the
     surface there, or is background if the far side is background.

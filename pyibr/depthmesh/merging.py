@@ -24,7 +24,7 @@ _AREA_MIN = 1e-3  # square pixels: smaller triangles count as degenerate
 
 
 def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error: float) -> Whole:
-    """Merge the triangles (T, 3) of a view to at most `count`, (t, 3), of the same vertices, some of them unused.
+    """Merge the triangles (T, 3) of a view to at most `count` triangles (t, 3), whose corners are some of the vertices.
 
     No vertex ends up farther than `max_error`, in scene units, from the planes merged into it, and no triangle turns
     over in the view, where the vertices `points`, (N, 3), lie at `pixels`, (N, 2).
@@ -107,7 +107,7 @@ def _edges(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
 def _apart(ends: Whole, costs: Float64, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
     """(n, 2) the cheapest edges without common triangles, at most `most`."""
     allowed = np.flatnonzero(costs <= max_error**2)
-    # A hash breaks ties: on planes all costs are equal, and by index each edge would wait for its lower neighbour.
+    # A hash breaks ties. On planes all costs are equal: in the order of indices, each edge would wait for its neighbour.
     order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, costs[allowed]))]
     order = order[: max(int(_CHEAPEST * len(costs)), 16)]
     rank = np.arange(len(order))

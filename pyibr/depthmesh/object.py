@@ -81,8 +81,8 @@ class DepthMeshObject(Immutable):
     Raises
     ------
     ArgumentError
-        If an argument is out of its range, if a view has no valid depth, or if a view's surface lies farther from all
-        other surfaces than their sizes.
+        If an argument is out of its range, if a view has no valid depth, or if a view's surface is so far from the
+        other views' surfaces that it must be another object.
 
     Examples
     --------
@@ -261,7 +261,7 @@ def _checked_meshes(views: object, segmentation: Segmentation | None) -> list[De
 
 
 def _check_connected(views: list[DepthImage]) -> None:
-    """Raise ArgumentError if a view lies farther from the others than its own size: it shows another object."""
+    """Raise ArgumentError if the views' boxes, doubled in size, are not connected: a view shows another object."""
     boxes = np.array([view.bounds for view in views])
     reach = 0.5 * (boxes[:, 1] - boxes[:, 0]).max(axis=1, keepdims=True)
     low, high = boxes[:, 0] - reach, boxes[:, 1] + reach

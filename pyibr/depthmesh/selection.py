@@ -54,7 +54,7 @@ class Selection:
         moved = float(np.linalg.norm(camera.center - own.center))
         turned = float(np.linalg.norm((frustum(camera) - frustum(own))[:, :3], axis=1).max())
         room, nearest_out = self.motion_limit
-        # A vertex that lies out of view by `reuse` times its distance stays out until the view's planes come as close.
+        # A vertex that is out of view by `reuse` times its distance stays out until the view's planes move as far.
         stays_out = not np.isfinite(nearest_out) or turned + moved / nearest_out <= _ROUNDING * self.reuse
         return moved <= _ROUNDING * room and stays_out
 

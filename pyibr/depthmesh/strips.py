@@ -13,7 +13,7 @@ Int32 = NDArray[np.int32]
 
 
 def strips_of(samples: Int32, faces: Int32, size: tuple[int, int], side: int) -> list[Int32]:
-    """Join a quadtree's triangles into strips of `DepthMesh.strips`, in the order of the Sierpinski curve through them.
+    """Join a quadtree's triangles into the strips of `DepthMesh.strips`, in the order of a Sierpinski curve.
 
     `samples`, (T, 3), are y * width + x of each triangle's corners, of which the second has the right angle; `faces`,
     (T, 3), the same corners, as the vertex numbers that strips hold; `size` the image's width and height; `side` the

@@ -21,8 +21,8 @@ _OPPOSITE = 1e-3  # remaining weight of views that look the opposite way
 class DrawnViews:
     """Indices of the views whose meshes are drawn.
 
-    The back sides of the views `around` indicate surface that no view saw. They are `others`; as many of the farthest
-    views, which see the object from behind; and chosen views whose back sides the camera may see, as from inside a cup.
+    The back sides of the views `around` indicate surface that no view saw. These views are: `others`; as many of the
+    farthest views, which see the object from behind; chosen views whose back sides the camera may see, as in a cup.
     """
 
     chosen: Sequence[int]  # the closest views, which are blended

@@ -72,8 +72,8 @@ class DepthImage(Immutable, Pictured):
         Noise of the depth. A number is the standard deviation of 1 / depth, as for stereo and structured light
         (`disparity_noise`); for an orthographic camera, it is the standard deviation of the depth. Three numbers give
         a z^2 + b z + c at depth z. A function maps depths, (n,) float64, to deviations, (n,). By default, the noise is
-        estimated from the samples. It separates depth edges from noise and weights views that are blended;
-        `clean_depth` takes the same.
+        estimated from the samples. Depth edges are found, and views weighted for blending, with regard to the noise;
+        `clean_depth` takes the same argument.
 
     Attributes
     ----------

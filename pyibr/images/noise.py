@@ -24,8 +24,8 @@ Noise = float | Terms | Callable[[Float64], Float64]
 
 _PLACES = 16  # depths at which a noise function is sampled
 _NOISE_MAX = 1e18  # scene units: its square is still within single precision
-_ROUNDS, _CLOSE = 3, 0.02  # number of fits; differences above _CLOSE have less weight in the next fit
-_SIMPLER = 0.03  # improvement that a fit needs for each additional term
+_ROUNDS, _CLOSE = 3, 0.02  # number of fits; relative differences above _CLOSE have less weight in the next fit
+_SIMPLER = 0.03  # each additional term must lower the mean relative difference by at least this
 _RIDGE = 1e-9  # regularization: samples at a single depth cannot separate the terms
 _CHOICES = np.array(
     [[kind in kinds for kind in range(3)] for count in (1, 2, 3) for kinds in itertools.combinations(range(3), count)]

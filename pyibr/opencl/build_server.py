@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 _IDLE = 5.0  # seconds without a request after which the process ends
-_ZEROS = np.zeros(1 << 17)  # content of the buffers for kernels that are compiled
+_ZEROS = np.zeros(1 << 17)  # content of the buffer that kernels get in launches that only compile them
 
 
 class _Request(NamedTuple):
@@ -63,7 +63,7 @@ class _Requests:
 
 def main(key: str, _: str) -> None:
     """Print that this process has started, and the outcome for the device with this key as JSON; then build."""
-    os.environ.setdefault("POCL_AFFINITY", "0")  # not pinned, so that it compiles on an idle processor
+    os.environ.setdefault("POCL_AFFINITY", "0")  # threads are not pinned, so that they compile on idle processors
     everything = found_devices()
     print("\n" + selftest.READY, flush=True)
     found = next((found for found in everything if found.key == key), None)

@@ -11,10 +11,10 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 UNSPLIT_SECONDS = 0.005  # longest expected time of a launch that is not split
-QUEUED_SECONDS_MAX = 0.04  # longest expected time of launches that wait in the queue
+QUEUED_SECONDS_MAX = 0.04  # longest expected time of all launches in the queue together
 PIECE_SECONDS = 0.06  # target time of a piece of a launch
 SHARED_PIECE_SECONDS = 0.02  # target time while other threads are in calls
-_GROWTH = 4  # limit of growth from piece to piece, as the next items may be slower
+_GROWTH = 4  # a piece has at most this multiple of the previous piece's items, as its items may be slower
 _SHORT, _GROWTH_OF_SHORT = 0.0005, 32  # after pieces up to _SHORT seconds, the growth may be larger
 _FORGETTING = 0.9  # decay of the known cost per launch: a kernel may be slow only in every tenth launch
 _UNEXPECTED = 4  # launches that take this multiple of the expected time update the estimate
@@ -24,7 +24,7 @@ _UNEXPECTED = 4  # launches that take this multiple of the expected time update 
 class KernelCost:
     """Cost of a kernel's launches so far."""
 
-    seconds_per_item: float = math.inf  # mean seconds in the slowest recent launch; infinite while unknown
+    seconds_per_item: float = math.inf  # mean over the items of the slowest recent launch; infinite while unknown
 
     def add(self, seconds_per_item: float) -> None:
         """Add the cost of a launch. The estimate is the maximum of this cost and of earlier costs, which decay."""

@@ -80,7 +80,7 @@ def _enqueue(kernel: Kernel, grid: tuple[int, ...], arguments: dict[str, Any]) -
 def _in_pieces(kernel: Kernel, grid: tuple[int, ...], arguments: Mapping[str, Any]) -> None:
     """Launch in pieces, so that Ctrl-C takes effect between them, and no launch runs so long that a driver stops it."""
     session, items, unknown = kernel.session, math.prod(map(int, grid)), math.isinf(kernel.cost.seconds_per_item)
-    alone = items <= math.prod(session.profile.group)  # work-items of one group may wait for each other
+    alone = items <= math.prod(session.profile.group)  # a single group stays whole: its items may wait for each other
     session.wait()  # for earlier launches, so that Ctrl-C ends the call within one piece
     done = count = timed = 0
     took = spent = 0.0

@@ -107,7 +107,7 @@ class Surface:
 class EdgeTest:
     """Test that decides which neighbours in a depth image are torn apart, as the kernels' structs Cut and EdgeTest."""
 
-    cut: NDArray[np.void]  # a test of two depths alone
+    cut: NDArray[np.void]  # a test of two depths alone; with `straight`, only for pairs whose shape cannot be tested
     straight: NDArray[np.void]
 
 

@@ -17,7 +17,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
 _UNSYNCHRONIZED = 1 << 22  # longest list that is allocated without asking the device for the length
-_COUNTS_MAX = 1 << 24  # limit of the counts by chunk and bin
+_COUNTS_MAX = 1 << 24  # largest number of counts, one for each chunk and bin
 _NUMBERED_MAX = (1 << 31) - 1  # kernels index lists in 32 bits
 _CULLED = {"both": "CULLS_NONE", "front": "CULLS_BACKS", "back": "CULLS_FRONTS"}
 
@@ -98,7 +98,7 @@ def bin_primitives(
     run("total_bins", bins, **sums, bins=bins)
     run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
     run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
-    # Reading the length from the device waits for all that is drawn before.
+    # Reading the lists' length from the device would wait for all launches before this one.
     longest = count * bins
     length = longest if longest <= _UNSYNCHRONIZED else int(totals.to_host().sum(dtype=np.int64))
     if length > _NUMBERED_MAX:

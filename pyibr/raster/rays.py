@@ -25,8 +25,8 @@ def triangles_met(
 ) -> NDArray[np.int32]:
     """Return the first or last triangle that the ray of each pixel meets in front of the camera: (H * W,), -1 for none.
 
-    Of equally distant triangles, the first wins. A ray that meets no triangle gets one that it misses by a thousandth
-    of a pixel.
+    Of equally distant triangles, the first wins. A ray that meets no triangle gets one that it misses by less than a
+    thousandth of a pixel.
     """
     bent, rows_columns = camera.lens is not None, np.indices((camera.height, camera.width), np.float32)
     places = [face.places[:2] for face in cube_faces(camera)] if bent else [rows_columns[::-1]]
@@ -36,7 +36,7 @@ def triangles_met(
         for pinhole, there in zip(cube_face_cameras(camera), places, strict=True):
             check_pixels("camera", pinhole.size, _BIN << 15)  # bins are numbered in 16 bits
             target = Target(pinhole, np.dtype(np.uint8), channels=0)
-            # Sums of large numbers: in float64, even far from the world's origin. Depths up to 1 have no tiny products.
+            # float64, since far from the world's origin sums lose digits. Depths up to 1 keep products in range.
             projected = vertices @ target.from_world[:, :3].T + target.from_world[:, 3]
             projected[:, :3] /= max(np.abs(projected[:, 2]).max(), 1e-300)
             on_device = upload(projected.astype(np.float32))

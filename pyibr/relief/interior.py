@@ -1,6 +1,6 @@
-"""Location of eyes below the base of a relief, within its layer, from which rays can start.
+"""Search for the point of a relief's base above an eye that lies within the relief.
 
-Around such an eye, rays meet no front of the base through which they could enter the relief.
+Rays from such an eye start in the relief: around the eye, they meet no front of the base through which to enter.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _OUTSIDE = -1e-6  # a point is inside a triangle if no barycentric weight is bel
 class InteriorPoint:
     """A point within the relief, below its base."""
 
-    triangle: int  # of the drawn mesh above the point
+    triangle: int  # index of the drawn mesh's triangle above the point
     uv: Float64  # (2,) tiles included
     depth: float  # below the base, 1 at the bottom of the relief
 
@@ -54,7 +54,7 @@ class Interior:
         return np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
 
     def interior_point(self, eye: Float64) -> InteriorPoint | None:
-        """Find the base above a point that lies less than the relief's depth below it; None for all other points.
+        """Find the point of the base above a world point within the relief; None for all other points.
 
         The search for the triangle above the point starts at the nearest triangle (kernels/relief/walk.h).
         """

@@ -61,7 +61,8 @@ def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
     """Bounds of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h gives their indices.
 
     The tiers lie side by side, or one below the other if the map is taller than wide. The rows' length is a power of 2.
-    Returns the number of tiers, log2 of the rows' length, and the span, which each tier halves; and the tiers (m,).
+    Returns the number of tiers, log2 of the rows' length and a span in elements; and the tiers (m,). Each tier halves
+    the span that is left to the end.
     """
     h, w = cell.shape
     count = (max(w, h) - 1).bit_length() + 1

@@ -27,7 +27,7 @@ from pyibr.meshes.normals import (
 from pyibr.relief.neighbours import place_and_way
 
 _SINGULAR = 1e-6  # values below this, relative to the largest value, are rounding errors
-_HARD = 0.97  # cosine: some normals at a hard edge are at least 14 degrees from their mean
+_HARD = 0.97  # cosine: normals at least 14 degrees from their place's mean normal belong to a hard edge
 _BENT = 1e-3  # largest rounding error in differences between a flat triangle's unit normals
 _BELOW = -0.1  # cosine between the mean normal and the direction into a triangle: if smaller, the triangle falls away
 

@@ -47,7 +47,7 @@ class ReliefSurface(HeightMapped):
     Parameters
     ----------
     base : Mesh
-        With uv. The relief lies below the fronts of its triangles; a perspective camera may go down into it.
+        With uv. The relief lies below the fronts of its triangles; a perspective camera may be inside the relief.
     height : (h, w) float32 in [0, 1], or uint8, uint16
         1 is the base, 0 is `scale` below it. Bilinear between texel centres; uint8 is kept in 8 bits, others in 16.
     color, tiles, normal_map, wrap
@@ -56,7 +56,7 @@ class ReliefSurface(HeightMapped):
         The depth of height 0, in scene units.
     silhouette : {"quadric", "none"}
         "quadric": the relief follows a quadric fitted to each vertex's neighbours, so that rays at silhouettes come out
-        again; "none": it is flat at each pixel, as in earlier relief mapping, and covers the whole mesh.
+        again; "none": each ray finds a flat relief, as in earlier relief mapping, and the whole mesh is covered.
     distance : {"approximate", "exact", "perpendicular"}
         Measure of a ray's depth. "approximate": below the quadric, along the normal at the entry (equation 7).
         "exact": below the mesh itself, whose normals turn from corner to corner, so that outlines, heights and normals
@@ -71,9 +71,9 @@ class ReliefSurface(HeightMapped):
     shadow : {"map", "search"}
         How a light's occlusion is found. "map": with the light's shadow map, and a search of the relief where the map's
         surface differs from the picture's, as on curved bases and next to a box's edges. "search": with the paper's
-        second search from each point towards the light, and the map beyond this relief. Without texels, small tiles
-        show no moire. But each pixel takes another search, and other things within the relief, below the base, cast no
-        shadow on it.
+        second search from each point towards the light, and the map beyond this relief. The search reads no shadow
+        texels, so small tiles show no moire. But each pixel takes another search, and other things within the relief,
+        below the base, cast no shadow on it.
 
     Raises
     ------
@@ -155,14 +155,14 @@ class ReliefSurface(HeightMapped):
 
     @property
     def bends(self) -> bool:
-        """Tell whether its rays follow curved quadrics, or walk around edges."""
+        """Tell whether rays follow curved quadrics, or walk from triangle to triangle around edges."""
         return self.silhouette == "quadric" and (
             bool(self.frames.quadrics.any()) or (self.distance == "exact" and not self.is_flat)
         )
 
     @cached_property
     def is_flat(self) -> bool:
-        """Tell whether all rays find the relief in one place: a base without bends or hard edges that jut out."""
+        """Tell whether the base has neither curvature nor hard edges that jut out."""
         normals = self.frames.normals
         return is_flat(self.drawn, normals) and not juts_out(self.drawn, normals)
 
@@ -202,7 +202,7 @@ class ReliefSurface(HeightMapped):
 
     @cached_property
     def interior(self) -> Interior:
-        """Search for the base above a point within the relief."""
+        """Searches for the point of the base above a point within the relief."""
         return Interior(self.drawn.vertices, self.offsets, self._uv, self.drawn.faces, self.beside)
 
     def interior_point(self, camera: Camera) -> InteriorPoint | None:
@@ -254,7 +254,7 @@ def draw_relief(
 ) -> None:
     """Draw a relief into the target.
 
-    `counters`, (H, W, 2) int32, gain each pixel's searches and their steps, with halvings and safe searches in cells.
+    `counters`, (H, W, 2) int32, count each pixel's searches and their steps: halvings, too; for safe searches, cells.
     `places`, (H, W, 2) float32, receive u and v in the tile, for a blank target.
     """
     buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))

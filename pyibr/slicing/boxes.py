@@ -31,7 +31,7 @@ class Box:
 
     @property
     def edges(self) -> Float64:
-        """(3,) lengths."""
+        """(3,) lengths of the edges."""
         return self.high - self.low
 
     @property
@@ -169,7 +169,7 @@ class Outline:
             if self.camera.projection == "perspective":  # w is z; near parts of the ball project farther out
                 slope = np.hypot(u - K[0, 2], v - K[1, 2]) / pixels
                 around = np.where(w > reach, around * (1 + slope) / (w - reach), np.inf)
-        # A mask is bilinear between samples: the nearest samples are up to one away, plus half a sample by rounding.
+        # A mask is interpolated bilinearly from samples up to one sample away; rounding (u, v) adds half a sample.
         return (w > -reach) & (self._count(u, v, np.floor(around + 1.5)) > 0)
 
     def _seen(self, points: Float64) -> Float64:
@@ -245,7 +245,7 @@ def _carved(outlines: Sequence[Outline], center: Float64, radius: float) -> Box 
 def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float]:
     """Return the point closest to the rays through the silhouettes' middles, and two radii of the object around it.
 
-    The first radius is estimated from the width of the silhouettes; the second is the largest in front of the cameras.
+    The first radius is estimated from the width of the silhouettes. With the second, no camera is within reach yet.
     """
     origins, directions = np.zeros((len(outlines), 3)), np.zeros((len(outlines), 3))
     for number, outline in enumerate(outlines):

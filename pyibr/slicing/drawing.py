@@ -28,11 +28,11 @@ from pyibr.slicing.solid import Solid, words_of
 from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
 
 _SLICES_MIN = 32  # smallest number of slices, for objects that are small in the picture
-_NEIGHBOUR_OFFSET = 4  # pixels between the depths that give normals, because slices are steps
+_NEIGHBOUR_OFFSET = 4  # pixels to the neighbours whose depths give a normal: closer ones may lie on the same slice
 # An image locates outlines to within half a sample. Where k images show one outline, the innermost lies k / (k + 1) of
 # a sample inside the outermost on average. So outlines are drawn where their samples have the weight 1 / (k + 1).
 _AGREEING = 3.0  # k + 1 is a third of the number of images: for the paper's six images, the weight is 1 / 2
-_BEHIND = 8.0  # largest distance, in samples, from a view's surface back to the object's surface
+_BEHIND = 8.0  # samples: the object's surface lies at most this far behind the surface of a view that sees it
 
 
 def draw_in_light(target: Target, thing: Solid, lighting: Lighting | None) -> None:
@@ -119,7 +119,7 @@ def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
     if thing.slices != "view":
         return float(box.edges.max()) / thing.slices, 0 if thing.only is not None else thing.halvings
     pixel = nearest_pixel(camera, box.corners)
-    # Along the ray through the middle, slices are one pixel apart.
+    # On the ray through the box's middle, slices are as far apart as a pixel is wide at the box's nearest corner.
     if thing.slicing == "screen":
         spacing, extent = pixel, np.abs(box.axes @ camera.forward) @ box.edges
     else:
@@ -133,7 +133,7 @@ def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
 
 
 def slices_axis(thing: Solid, camera: Camera) -> int:
-    """Return the box's axis across the slices: the one that faces the camera most, or the kernel's TO_SCREEN."""
+    """Return the number of the box's axis at right angles to the slices: the closest to the view; or TO_SCREEN."""
     if thing.slicing == "screen":
         return int(constant("slicing/object.cl", "TO_SCREEN"))
     return int(np.argmax(np.abs(thing.box.axes @ _direction(camera, thing.box))))
@@ -155,7 +155,7 @@ def _direction(camera: Camera, box: Box) -> Float64:
 
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
-    """Return first pixel, and blocks across and down: all of a blank picture, else the part that shows the box."""
+    """Return first x, first y, and blocks across and down: a blank picture's, else those of the part with the box."""
     block = current().profile.block
     width, height = target.camera.size
     low_x = low_y = 0
@@ -175,7 +175,7 @@ def buffers_of(thing: Solid) -> dict[str, DeviceArray]:
 
 
 def ribbons_on_device(thing: Solid) -> dict[str, DeviceArray]:
-    """Return the buffers of the object's ribbons, in the same way."""
+    """Return the buffers of the object's ribbons on the current device, under the kernels' names."""
     return cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
 
 

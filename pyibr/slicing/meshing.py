@@ -39,7 +39,7 @@ _BISECTIONS = 8  # bisections of an edge of the grid
 _MARGIN = 1 / 256  # fraction of an edge: crossings keep this far from its ends, so that triangles have an area
 _FACING = 0.05  # cosine: views hardly colour surfaces that they see more obliquely
 _UNSEEN = 1e-6  # relative weight of views that did not see a point, for points that no view saw
-_HIDDEN = 4.0  # sample distances by which an occluded point lies behind its occluder
+_HIDDEN = 4.0  # sample distances: a point that lies farther behind a view's surface is occluded in this view
 
 
 class MeshableSolid(Solid):

@@ -45,8 +45,8 @@ class DepthObject(MeshableSolid):
         "orthogonal": along the edge of the box that faces the viewer most; the box's axes are the first view's.
         "screen": parallel to the view plane.
     halvings : int
-        Number of halvings of the interval between the first slice that passes and the one before, to approach the
-        surface; 0 leaves points on the slices, as in the paper.
+        Number of halvings of the interval between a ray's first slice inside the solid and the slice before, to
+        approach the surface; 0 leaves points on the slices, as in the paper.
     texture : {"visible", "naive"}
         Up to three images colour a point, weighted by how close their directions are to the target's. "visible":
         images that saw the point, if any did; "naive": the closest images, as in the paper.

@@ -15,7 +15,7 @@ from pyibr.meshes.normals import any_tangent, place_of, unit, uv_gradients
 Float32 = NDArray[np.float32]
 
 
-_AGAINST = 1e-3  # sums of normals shorter than this, relative to parallel normals, cancel out
+_AGAINST = 1e-3  # normals at a place cancel out if the length of their mean is below this
 _FLAT = 1e-6  # height over longest side below which float32 treats a triangle as a line
 
 
@@ -89,7 +89,7 @@ def _at_borders(faces: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 def _tilts(corners: Float64, ways: Float64, across: Float64) -> Float64:
-    """Return `ways` in units of a triangle's sides from its first corner to the other two, and of `across`."""
+    """Return `ways` as multiples of a triangle's sides, from its first corner to the other two, and of `across`."""
     sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], across], axis=2)
     return np.asarray(np.linalg.solve(sides, ways.transpose(0, 2, 1)), np.float64).transpose(0, 2, 1)
 

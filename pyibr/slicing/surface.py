@@ -34,7 +34,7 @@ from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_
 Slicing = Literal["surface", "orthogonal", "screen"]
 AlphaTest = Literal["inside", "at_least", "band"]
 
-_READ = ("corners", "points", "uv", "frames", "tilts", "ends", "gradients", "heights", "colors")  # read in all pictures
+_READ = ("corners", "points", "uv", "frames", "tilts", "ends", "gradients", "heights", "colors")  # read by each picture
 
 
 class SlicedSurface(HeightMapped):
@@ -43,12 +43,12 @@ class SlicedSurface(HeightMapped):
     Parameters
     ----------
     base : Mesh
-        With uv; a single polygon or any surface. Vertices move along their normals, or the smooth normals if it has
-        none. Vertices at one place with several normals, as at hard edges, move along the mean normal, so that the
-        surface stays closed. Light uses the base's own normals.
+        With uv; a single polygon or any surface. Vertices move along their normals, or along smooth normals if the
+        mesh has none. Vertices at one place with several normals, as at hard edges, move along the mean normal, so that
+        the surface stays closed. Light uses the base's own normals.
     height : (h, w) float32 in [0, 1], or uint8, uint16
-        0 is the base, which only `test="at_least"` draws; 1 is `scale` above it. Bilinear between texel centres; kept
-        in 16 bits.
+        0 is the base, which only `test="at_least"` draws; 1 is `scale` above it. Heights are bilinear between texel
+        centres, and are kept in 16 bits.
     color : (h', w', 3) uint8, or float32 in [0, 1]
         Over the same uv.
     scale : float
@@ -77,8 +77,8 @@ class SlicedSurface(HeightMapped):
         False lets slices parallel to the screen also test points outside the displacement volume, like the paper's
         simplest variant (section 3.3): the same picture with more alpha tests, for comparison.
     halvings : int
-        Number of halvings of the interval between the first slice that passes and the one before, to approach the
-        surface; 0 leaves points on the slices, as in the paper.
+        Number of halvings of the interval between a ray's first slice that passes the test and the slice before, to
+        approach the surface; 0 leaves points on the slices, as in the paper.
     band : float, optional
         Thickness of the band of the test "band", as a height: gaps open between neighbours that differ by more. By
         default one slice spacing, which misses nothing of flat regions; a thinner band leaves gaps there.
