@@ -52,7 +52,7 @@ class Closing:
     If sheets close holes, only `surfaces` is not empty, and contains the sheets.
     """
 
-    surfaces: list[CoarseMesh]  # of each view; they show in holes
+    surfaces: list[CoarseMesh]  # a coarse mesh of each view, which shows in holes
     backs: list[CoarseMesh] = field(default_factory=list[CoarseMesh])  # back sides of the surfaces
     sheets: list[CoarseMesh] = field(default_factory=list[CoarseMesh])  # coarse triangles in place of rubber sheets
     far_sides: list[FarSides] = field(default_factory=list[FarSides])

@@ -52,7 +52,7 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
 
 
 def _quadrics(points: Float64, faces: Whole) -> Float64:
-    """(N, 4, 4) sums of squared distances from the planes around each vertex."""
+    """(N, 4, 4) quadrics: sums of squared distances from the planes of each vertex's triangles and outline edges."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     normals = _unit(np.cross(b - a, c - a))
     found = np.zeros((len(points), 4, 4))
@@ -85,7 +85,7 @@ def _half_edges(faces: Whole) -> tuple[Whole, Whole, Whole]:
 
 
 def _edges(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> tuple[Whole, Float64]:
-    """Both directions, (E, 2), of each edge that may collapse to its second end and is not refused; and their costs."""
+    """Edges (E, 2) whose first vertex may move to the second, as (from, to), except `refused`; and their costs."""
     there, _, number = _half_edges(faces)
     sides = np.bincount(number)
     _, first = np.unique(number, return_index=True)
@@ -107,7 +107,7 @@ def _edges(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
 def _apart(ends: Whole, costs: Float64, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
     """(n, 2) the cheapest edges without common triangles, at most `most`."""
     allowed = np.flatnonzero(costs <= max_error**2)
-    # A hash breaks ties. On planes all costs are equal: in the order of indices, each edge would wait for its neighbour.
+    # A hash breaks ties. On planes all costs are equal: in index order, each edge would wait for the one before.
     order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, costs[allowed]))]
     order = order[: max(int(_CHEAPEST * len(costs)), 16)]
     rank = np.arange(len(order))

@@ -344,7 +344,7 @@ def _in_triangles(tree: Tree) -> NDArray[np.bool_]:
 
 
 def _triangles_of(tree: Tree, active: DeviceArray) -> tuple[Int32, Int32]:
-    """(N,) sample numbers y * width + x of the triangles of active vertices, and (T, 3) indices into these."""
+    """Return the active vertices' triangles: (N,) corners as samples y * width + x, and (T, 3) indices of corners."""
     found = list_triangles([tree], [active])
     corners = found.corners.to_host()
     used = np.zeros(found.point_firsts[-1], np.bool_)  # False where segmentation removed all triangles around a point

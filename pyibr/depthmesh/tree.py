@@ -98,7 +98,7 @@ class Tree:
 
     @cached_property
     def errors(self) -> dict[str, DeviceArray]:
-        """Errors, radii and depths of the vertices, each (side + 1, row), in scene units, for selection by viewers.
+        """Errors, radii and depths of the vertices, each (side + 1, row), in scene units, by which cameras select them.
 
         Errors are -1 where nothing is drawn; radii and depths belong to the bounding spheres and their centres.
         """

@@ -34,7 +34,7 @@ Image = NDArray[np.number[Any]]
 Space = Literal["rgb", "ycbcr"]
 
 _SSIM_SIDE, _SSIM_SIGMA = 11, 1.5  # pixels: the window of Wang et al. 2004
-_DESK = 3840 * math.pi / 180  # pixels per degree: 3840 over a width that equals the distance of the viewer
+_DESK = 3840 * math.pi / 180  # pixels per degree of a screen 3840 pixels wide, seen from as far as it is wide
 _BAND = 32  # rows of IV-PSNR that are searched together, which fit into a processor's cache
 _WEIGHTS = 4, 1, 1  # weights of Y, Cb and Cr in IV-PSNR, both in the search and in the mean
 _LUMA = 0.2126, 0.7152, 0.0722  # weights of red, green and blue by BT.709

@@ -71,7 +71,7 @@ class Session:
 
     @cached_property
     def copies(self) -> cl.CommandQueue:
-        """Queue of copies to the host, which overlap with later launches; `queue` itself on devices without copies."""
+        """Queue of copies to the host, which overlap with later launches; `queue` on devices that work in place."""
         import pyopencl as cl
 
         made = self.queue if self.profile.in_place else cl.CommandQueue(self.context)
@@ -122,7 +122,7 @@ _EXIT_TIMEOUT = 30.0  # longest wait, when the process ends, for calls in other 
 
 
 def _take_locks() -> list[threading.RLock]:
-    """Acquire all locks that calls need, after other threads' calls are done or a timeout."""
+    """Acquire all locks that calls need, once the calls of other threads have ended, or after a timeout."""
     end = time.monotonic() + _EXIT_TIMEOUT
     taken = [_lock] if _lock.acquire(timeout=_EXIT_TIMEOUT) else []  # from here on, no session can be opened
     gates = [session.calls.stop(end) for session in list(_sessions.values())]

@@ -35,7 +35,7 @@ class DeviceProfile:
     band: int = 32
     """Rows of a band for which a work-item finds the surface in one launch; 0 for several launches over pieces."""
     share: int = 1 << 11
-    """Elements of an array that a work-item sets or converts: larger on CPUs, as for `run`."""
+    """Elements of an array that a work-item sets or converts: more on CPUs, for the reason given at `run`."""
     block: int = 4
     """Side of the square of pixels that the lanes cover in a bin: BLOCK of kernels/raster/region.h, from LANES."""
 

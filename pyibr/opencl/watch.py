@@ -48,7 +48,7 @@ class Traffic(Watch):
     def launch(
         self, kernel: Any, grid: tuple[int, ...], arguments: Mapping[str, Any], enqueue: Callable[..., None]
     ) -> None:
-        """Make the launch in one piece, for any duration, and record it."""
+        """Make the launch in one piece, however long it takes, and record it."""
         known, kernel.cost.seconds_per_item = kernel.cost.seconds_per_item, 0.0
         enqueue(**arguments)
         kernel.cost.seconds_per_item = known

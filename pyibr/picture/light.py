@@ -11,9 +11,9 @@ from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.headers import struct
 
 _SHADOW_MAX = 16384
-_FADE = 0.02  # fraction of a spot's angle over which the light fades
+_FADE = 0.02  # a spot's light fades over this last part of its angle
 _ANGLE_MIN = 1e-3  # degrees: in single precision, the cosine of a smaller angle is 1
-_BRIGHTNESS_MAX = 1e6  # above, products may exceed single precision
+_BRIGHTNESS_MAX = 1e6  # products of greater brightnesses may exceed single precision
 _DISTANCE_MAX = 1e15  # scene units: greatest coordinate of a light's position
 
 

@@ -65,9 +65,9 @@ class Samples:
 def cut_of(camera: Camera, ratio: float | None, noise: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.void]:
     """Return a record of the kernels' struct Cut, which decides where neighbours in a depth image are torn apart.
 
-    ratio: ratio of depths that tears neighbours apart; for an orthographic camera, 1 plus their difference in units of
-    the image's longer side. With None, all neighbours are one surface. noise: tolerance for noise, a fraction of the
-    nearness and a constant nearness to add.
+    ratio: ratio of depths that tears neighbours apart; for an orthographic camera, 1 plus the difference of depths in
+    units of the image's longer side. With None, all neighbours are one surface. noise: tolerance for noise: a fraction
+    of the nearness, and a constant nearness to add.
     """
     values = np.zeros((), struct("lib/surface.h", "Cut"))
     if ratio is None:

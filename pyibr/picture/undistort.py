@@ -39,7 +39,7 @@ def undistorted(
 ) -> DepthImage:
     """Return the view of a pinhole camera at the same pose; the view itself if it has no lens.
 
-    All functions that draw a view with a lens call this first. The sampling is the same or finer everywhere. Holes stay
+    All functions that draw a view with a lens call this first. No part of the view gets fewer samples. Holes stay
     holes, and pixels that the lens did not see become holes.
 
     Parameters

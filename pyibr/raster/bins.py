@@ -98,7 +98,7 @@ def bin_primitives(
     run("total_bins", bins, **sums, bins=bins)
     run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
     run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
-    # Reading the lists' length from the device would wait for all launches before this one.
+    # To read the lists' length from the device takes a wait for all earlier launches.
     longest = count * bins
     length = longest if longest <= _UNSYNCHRONIZED else int(totals.to_host().sum(dtype=np.int64))
     if length > _NUMBERED_MAX:

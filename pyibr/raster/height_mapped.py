@@ -19,7 +19,7 @@ def map_buffers(surface: HeightMapped) -> dict[str, DeviceArray]:
 
 
 def color_arguments(surface: HeightMapped, camera: Camera) -> dict[str, Any]:
-    """Kernel arguments: the size of the colour map, and of a pixel at distance 1."""
+    """Kernel arguments: the size of the colour map, and the size of a pixel at distance 1."""
     height, width = surface.color.shape[:2]
     return {
         "color_width": width,

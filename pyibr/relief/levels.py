@@ -58,11 +58,10 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLeve
 
 
 def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
-    """Bounds of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h gives their indices.
+    """Tiers of bounds: of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h is their index.
 
     The tiers lie side by side, or one below the other if the map is taller than wide. The rows' length is a power of 2.
-    Returns the number of tiers, log2 of the rows' length and a span in elements; and the tiers (m,). Each tier halves
-    the span that is left to the end.
+    Returns [number of tiers, log2 of the rows' length, span], and the tiers (m,): tier t starts at span - (span >> t).
     """
     h, w = cell.shape
     count = (max(w, h) - 1).bit_length() + 1

@@ -58,7 +58,7 @@ class ReliefSurface(HeightMapped):
         "quadric": the relief follows a quadric fitted to each vertex's neighbours, so that rays at silhouettes come out
         again; "none": each ray finds a flat relief, as in earlier relief mapping, and the whole mesh is covered.
     distance : {"approximate", "exact", "perpendicular"}
-        Measure of a ray's depth. "approximate": below the quadric, along the normal at the entry (equation 7).
+        Measure of a ray's depth. "approximate": below the quadric, along the normal where the ray enters (equation 7).
         "exact": below the mesh itself, whose normals turn from corner to corner, so that outlines, heights and normals
         equal those of the displaced mesh at any depth, also on creased and coarse meshes; it takes 1.4 to 1.7 times as
         long where the mesh bends or has edges. "perpendicular": the distance to the quadric at right angles to the ray
@@ -305,7 +305,7 @@ def draw_relief(
 
 
 def _defines_of(surface: ReliefSurface, walks: bool) -> dict[str, int]:
-    """Return the kernels' defines for a surface: the measure of depth, exact if rays walk, and the form of heights."""
+    """Return the kernels' defines for a surface's distance (exact if rays walk), bytes per height, and wrap modes."""
     distance = int(constant("relief/ray.h", "EXACT" if walks else surface.distance.upper()))
     defines = {"DISTANCE": distance, "HEIGHT_BYTES": surface.levels.height_bytes}
     if "clamp" in surface.wrap:

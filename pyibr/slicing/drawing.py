@@ -56,7 +56,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
         entry = entry.with_arrays(normals=words)
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
-    cosines = (directions * _direction(camera, box)).sum(axis=1)  # bit-exact for each view, independent of the others
+    cosines = (directions * _direction(camera, box)).sum(axis=1)  # a view's bits do not depend on the other views
     order = np.lexsort((ranks_of(thing.views), -cosines))
     # Among views that share an outline, only the closest to the target's direction is tested and gives colours.
     _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
@@ -133,7 +133,7 @@ def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
 
 
 def slices_axis(thing: Solid, camera: Camera) -> int:
-    """Return the number of the box's axis at right angles to the slices: the closest to the view; or TO_SCREEN."""
+    """Return the box's axis at right angles to the slices: the one that faces the camera most; or TO_SCREEN."""
     if thing.slicing == "screen":
         return int(constant("slicing/object.cl", "TO_SCREEN"))
     return int(np.argmax(np.abs(thing.box.axes @ _direction(camera, thing.box))))

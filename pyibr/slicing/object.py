@@ -39,8 +39,8 @@ class DepthObject(MeshableSolid):
         (`pyibr.capture.object_views`).
     slices : int or "view"
         Number along the longest edge of the object's box; other directions have the same spacing. "view": as many as
-        the picture needs. Slices are then a pixel apart (section 3.4), but no closer than half a sample of the views,
-        and more `halvings` bring points within an eighth of a pixel of the surface.
+        the picture needs. Slices are then a pixel's width apart (section 3.4), but no closer than half a sample of the
+        views, and more `halvings` bring points within an eighth of a pixel of the surface.
     slicing : {"orthogonal", "screen"}
         "orthogonal": along the edge of the box that faces the viewer most; the box's axes are the first view's.
         "screen": parallel to the view plane.
@@ -188,7 +188,7 @@ def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> De
 
 
 def _per_sample(view: DepthImage) -> float:
-    """Return the change of nearness for a step of one sample distance in depth; perspective views: at nearness 1."""
+    """Return the change of nearness if depth changes by a sample's width; in perspective views at nearness 1."""
     return 1 / float(min(view.camera.K[0, 0], view.camera.K[1, 1]))
 
 

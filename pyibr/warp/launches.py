@@ -91,7 +91,7 @@ class Pass:
         return self.pixel_map.pair.aligned and not self.options.search and not current().profile.segment
 
     def draw(self, *, in_reach: bool = False) -> None:
-        """Find the first hit of each pixel's ray: by sweep or by search, then exactly.
+        """Find the first hit of each pixel's ray, roughly by the sweep or by a search, and then exactly.
 
         in_reach: in a blank target, write only the pixels that the view may reach.
         """

@@ -2,8 +2,7 @@
 
 The epipole may lie in any of nine regions in and around the image, or at infinity (Schaufler & Priglinger 1999, table 1
 and figure 7). The lines form at most four fans: they advance mainly in x or mainly in y, on either side of the epipole.
-The paper starts lines at as many borders. A fan's lines are one pixel apart at its column (or row) farthest from the
-epipole.
+The paper starts lines at as many borders. A fan's lines are one pixel apart at the end that is far from the epipole.
 Each time the distance to the epipole halves, every second line ends, so that pixels near the epipole are not visited
 much more often than others (the squares around the epipole that the paper proposes in section 8).
 """

@@ -76,9 +76,9 @@ class WarpedView(Immutable):
     interpolation : {"linear", "nearest"}
         Interpolate depth and colour between the samples, or take both from the sample nearest to the ray's hit.
     edges : {"cut", "connect"}
-        "cut": the surface is open at depth edges, as at the borders of objects in scenes. The half sample added next to
-        edges, and steep bridges, stay only where no other view has looked through them. "connect": neighbouring samples
-        are one surface, however far apart, as in displacement maps; other views change nothing.
+        "cut": the surface is open at depth edges, as at the borders of objects in scenes. At edges it extends by half a
+        sample, and steep rises are bridged, except where another view has looked through. "connect": neighbouring
+        samples are one surface, however far apart, as in displacement maps; other views change nothing.
     cut_ratio : float, optional
         By default, neighbours are one surface if the surface faces the camera or continues straight (in 1 / depth) on
         either side, or if noise explains the difference (`DepthImage.noise`). So receding floors are whole, and small
