@@ -115,7 +115,7 @@ def _(thing: Camera) -> Image:
     starts = border * (0, 0, 0) if own.projection == "perspective" else border * (1, 1, 0)
     rays = np.stack([starts, border], axis=1)[::_BENT]
     axes = np.stack([np.zeros((3, 3)), reach * np.eye(3)], axis=1)
-    ends = np.concatenate([border, starts, *axes])  # the whole border may have no rays
+    ends = np.concatenate([border, starts, *axes])  # a lens may give no rays to the whole border
     low, high = np.nanmin(ends, axis=0), np.nanmax(ends, axis=0)
     away = np.array([-0.8, -0.7, -0.6]) * 1.3 * np.linalg.norm(high - low)
     view = Camera.look_at((low + high) / 2 + away, (low + high) / 2, (0, -1, 0), _DRAWN, fov_y=50)

@@ -24,7 +24,7 @@ class Builder:
     """Handle of a builder process."""
 
     def __init__(self, process: Apart, key: str) -> None:
-        self.key = key  # of the device for which it builds
+        self.key = key  # the key of the device for which the process builds
         self._process = process
         self._lines: dict[tuple[str, str], str] = {}  # lines expected for finished programs and kernels
         self._of_program: dict[str, set[str]] = {}

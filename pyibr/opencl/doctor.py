@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Report:
     """Result of `report`."""
 
-    versions: dict[str, str]  # of pyibr, Python and the main packages
+    versions: dict[str, str]  # versions of pyibr, Python and the main packages
     cache: Path  # folder of test outcomes and program binaries
     devices: list[Device]  # all devices, freshly tested
     problems: list[Problem]  # runtimes that cannot be loaded, packages that overwrote each other, an unusable cache

@@ -16,7 +16,7 @@ from pyibr.opencl.device import Session
 _PIXELS_MIN = 1 << 20  # least pixels per band: if such a band does not fit, the things take the memory, not the picture
 
 Begin = Callable[[Camera, Frame | None], Callable[[], Frame]]
-"""Begins to draw a picture, into the arrays of a frame if given. After a wait, call the returned function for it."""
+"""Begins to draw a picture, into a frame's arrays if given. After a wait, the returned function returns the frame."""
 
 
 def frames_in_memory(

@@ -140,7 +140,7 @@ def _radius(view: DepthImage) -> int:
     if not view.valid.any():
         return 1
     z, camera = float(np.median(view.depth[view.valid].astype(np.float64))), view.camera
-    pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # per scene unit: at depth 1 if perspective
+    pixels = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))  # per scene unit; in perspective views at depth 1
     noise = _noise_at(view, z) * pixels / (z if camera.projection == "perspective" else 1.0)
     radius_max = int(constant("picture/normals.cl", "RADIUS_MAX"))
     for radius in range(1, radius_max):

@@ -25,7 +25,7 @@ from pyibr.picture.samples import Samples, begun_samples, cut_of, keep_samples, 
 
 _STEEPEST = 8.0  # depth over width: a surface with a smaller slope between samples faces the camera
 _SAMPLES_OF_A_MARGIN, _MARGINS_MIN = 4, 1024  # initial capacity; if there are more margins, they are found again
-_STEEP = 0.025  # and its nearness changes by at most this fraction: with few samples, _STEEPEST would hide small edges
+_STEEP = 0.025  # a limit like _STEEPEST, as a fraction of the nearness: in small images, _STEEPEST hides small edges
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ def triangles_met(
 ) -> NDArray[np.int32]:
     """Return the first or last triangle that the ray of each pixel meets in front of the camera: (H * W,), -1 for none.
 
-    Of equally distant triangles, the first wins. A ray that meets no triangle gets one that it misses by less than a
+    Among equally distant triangles, the first wins. A ray that meets no triangle gets one that it misses by less than a
     thousandth of a pixel.
     """
     bent, rows_columns = camera.lens is not None, np.indices((camera.height, camera.width), np.float32)

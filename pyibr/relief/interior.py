@@ -1,6 +1,6 @@
 """Search for the point of a relief's base above an eye that lies within the relief.
 
-Rays from such an eye start in the relief: around the eye, they meet no front of the base through which to enter.
+Rays from such an eye start in the relief: around the eye, they meet no front of the base through which they can enter.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def height_levels(height: Float32, height_bytes: int, wrap: Wraps) -> HeightLeve
 
 
 def _tiers_of(cell: NDArray[np.uint32]) -> tuple[list[int], NDArray[np.uint16]]:
-    """Tiers of bounds: of cells, of 2x2 cells, and so on up to one; BOUND_AT of kernels/relief/search.h is their index.
+    """Bounds in tiers: for cells, for 2x2 cells, and so on up to one bound; see BOUND_AT of kernels/relief/search.h.
 
     The tiers lie side by side, or one below the other if the map is taller than wide. The rows' length is a power of 2.
     Returns [number of tiers, log2 of the rows' length, span], and the tiers (m,): tier t starts at span - (span >> t).

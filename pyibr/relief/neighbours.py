@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64
 from pyibr.meshes.normals import place_of, summed
 
-_LEAST_TURN = 0.05  # eigenvalues of the sum of n n^T over a place's normals n: less than this, relative, is noise
+_LEAST_TURN = 0.05  # below this share of the greatest, eigenvalues of the sum of n n^T over a place's normals are noise
 _LEAST_AREA = 1e-6  # triangles of a smaller area, relative to the square of their longest side, are lines
 _LONGEST = 2.0  # greatest length of a mitred normal: its length for two normals 120 degrees apart
 

@@ -254,7 +254,7 @@ def draw_relief(
 ) -> None:
     """Draw a relief into the target.
 
-    `counters`, (H, W, 2) int32, count each pixel's searches and their steps: halvings, too; for safe searches, cells.
+    `counters`, (H, W, 2) int32, count each pixel's searches, and their steps and halvings (safe searches: cells).
     `places`, (H, W, 2) float32, receive u and v in the tile, for a blank target.
     """
     buffers = cached_on_device(surface, "buffers", lambda: _buffers(surface))
@@ -262,7 +262,7 @@ def draw_relief(
     place = None if target.from_light else surface.interior_point(target.camera)
     bends = surface.bends or place is not None
     faces, projected = buffers["faces"], project(target, buffers["points"], near)
-    backs = target.from_light or (bends and surface.distance != "exact")  # rays leave the relief there
+    backs = target.from_light or (bends and surface.distance != "exact")  # rays leave the relief at back sides
     defines = bin_defines(3) | target.color_defines | target.filter_defines
     defines |= _defines_of(surface, walks=target.from_light or place is not None)
     more: dict[str, Any] = dict(target.filter_arguments)

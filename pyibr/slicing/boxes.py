@@ -245,7 +245,7 @@ def _carved(outlines: Sequence[Outline], center: Float64, radius: float) -> Box 
 def _where_they_look(outlines: Sequence[Outline]) -> tuple[Float64, float, float]:
     """Return the point closest to the rays through the silhouettes' middles, and two radii of the object around it.
 
-    The first radius is estimated from the width of the silhouettes; the second is the limit for larger ones.
+    The first radius is estimated from the width of the silhouettes; the second is the largest that may be tried.
     """
     origins, directions = np.zeros((len(outlines), 3)), np.zeros((len(outlines), 3))
     for number, outline in enumerate(outlines):

@@ -56,7 +56,7 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
         entry = entry.with_arrays(normals=words)
     box, camera = thing.box, target.camera
     directions = np.array([_direction(view.camera, box) for view in thing.views])
-    cosines = (directions * _direction(camera, box)).sum(axis=1)  # a view's bits do not depend on the other views
+    cosines = (directions * _direction(camera, box)).sum(axis=1)  # the bits do not depend on the other views
     order = np.lexsort((ranks_of(thing.views), -cosines))
     # Among views that share an outline, only the closest to the target's direction is tested and gives colours.
     _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
@@ -155,7 +155,7 @@ def _direction(camera: Camera, box: Box) -> Float64:
 
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
-    """Return first x, first y, and blocks across and down: a blank picture's, else those of the part with the box."""
+    """Return first x, first y, blocks across and blocks down: of a blank picture, else of the part with the box."""
     block = current().profile.block
     width, height = target.camera.size
     low_x = low_y = 0

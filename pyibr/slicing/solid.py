@@ -31,7 +31,7 @@ _Known = TypeVar("_Known")
 class Solid(Immutable):
     """Solid that is the intersection of images from all sides, drawn by slices; for its options see `DepthObject`."""
 
-    views: list[Any]  # of DepthImage or Silhouette, without lenses
+    views: list[Any]  # DepthImage or Silhouette objects, without lenses
     box: Box
     texture: Texture = "naive"
     missing: Missing = "empty"

@@ -72,7 +72,7 @@ def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, flo
     shared = {**image, "depth": target.depth, "behind": behind, "pitch": behind.shape[2], **ends}
     profile = current().profile
     x, y, w = (epipole / max(float(np.abs(epipole).max()), 1e-30)).astype(np.float32).tolist()
-    # If the epipole is at infinity, lines are parallel. If they lead exactly to a neighbour, each holds many pixels.
+    # If the epipole is at infinity, lines are parallel. If they lead exactly from pixel to pixel, pixels share lines.
     if w == 0 and {x, y} <= {-1.0, 0.0, 1.0}:
         dx, dy = (x, y) if (y, x) > (0, 0) else (-x, -y) if x or y else (1, 0)
         grid = -(-width // (profile.strip * _RUN)), height

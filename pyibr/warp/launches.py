@@ -107,7 +107,7 @@ class Pass:
         target.blank = in_reach and target.blank
 
     def _room_for_hits(self, plane: int) -> tuple[DeviceArray, int]:
-        """Allocate planes for hits of lines and of margins, `plane` values each; EMPTY, unless the sweep writes all.
+        """Allocate planes for hits of lines and of margins, `plane` values each; EMPTY unless the sweep fills them.
 
         Also return the index of the planes' end. From there on, idle lanes of the sweep write.
         """
@@ -187,7 +187,7 @@ class Pass:
         profile, target, pixel_map, connected = current().profile, self.target, self.pixel_map, self.options.connected
         area = pixel_map.reach if in_reach else Rectangle(0, target.camera.width, 0, target.camera.height)
         rough, window = _LOOK_CONNECTED if connected else _LOOK_TORN
-        # Hits of aligned lines are final. Around other hits `resolve` searches, by values that take time to compute.
+        # Hits of aligned lines are final. Around other hits `resolve` searches, by parameters that are slow to compute.
         is_exact = pixel_map.pair.aligned and kind == "OF_PIXELS"
         density, typical = (1.0, 1.0) if is_exact else (pixel_map.density, pixel_map.typical)
         launch(

@@ -21,7 +21,7 @@ from pyibr.picture.samples import Samples, samples_of
 from pyibr.picture.surface import Margins, Surface, make_surface, surface_of
 from pyibr.warp.blending import NOISE_MAX, edge_view
 
-_SETS_MAX = 2  # sets of views whose surfaces their first view caches
+_SETS_MAX = 2  # a view caches the surfaces of at most this many sets of views
 _POINTS_MAX = 1 << 21  # points in one batch, unless a single view has more
 _FILE = "warp/looked_through.cl"
 
