@@ -383,10 +383,9 @@ GROUPS: dict[str, tuple[tuple[str, ...], tuple[Callable[[Setting], Cases], ...]]
         ("lib", "picture", "cleaning", "warp"),
         (_registrations, _splats, _lenses, _bridges, _bounds, _relit, _marked, _ribbons, _cleanings, _warps),
     ),
-    "surfaces": (
-        ("raster", "slicing", "relief", "depthmesh"),
-        (_meshes, _sorted, _surfaces, _objects, _reliefs, _depth_meshes),
-    ),
+    "slices": (("raster", "slicing"), (_meshes, _sorted, _surfaces, _objects)),
+    "reliefs": (("relief",), (_reliefs,)),
+    "depth meshes": (("depthmesh",), (_depth_meshes,)),
 }
 """Folders of `kernels/`, and cases that together run every kernel in them."""
 _WITHOUT_COLORS = (_lenses, _warps, _bridges, _registrations, _cleanings)
