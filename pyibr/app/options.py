@@ -119,7 +119,11 @@ class StoredDepth(NamedTuple):
     depth_channel: Annotated[
         str | None,
         typer.Option(
-            metavar="[PART:]CHANNEL", help="Channel of depth in EXR, as ViewLayer.Depth.Z; in NPZ the array's name"
+            "--depth-channel",
+            "--depth-topic",
+            "--depth-track",
+            metavar="[PART:]NAME",
+            help="Channel of depth in EXR, as ViewLayer.Depth.Z; array in NPZ, HDF5; topic in a bag; track in a video",
         ),
     ] = None
 

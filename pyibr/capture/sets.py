@@ -68,7 +68,8 @@ def load(
     Parameters
     ----------
     folder : path
-        Folder, or a file that is a whole recording: Record3D's ``.r3d``, ``.bag`` of ROS 1.
+        Folder, or a file that is a whole recording: Record3D's ``.r3d``, ``.bag`` of ROS 1, a video with a track
+        of colours and a track of depth, such as Azure Kinect's ``.mkv``.
     camera : Camera, optional
         Camera of all frames of a recording, instead of its own; the recording's poses still apply.
     min_confidence : float, optional
@@ -76,7 +77,8 @@ def load(
     sharpen : bool, optional
         Sharpen soft depth edges (`sharpen_depth`). By default only for relative depth.
     **how
-        Options of `read_depth` for a recording: depth_scale, depth_offset, depth_kind, channel, part, near and far.
+        Options of `read_depth` for a recording: depth_scale, depth_offset, depth_kind, channel (also the topic of
+        depth in a ROS bag, the track of depth in a video), part, near and far.
         The layout defines the defaults of scale, offset and kind.
 
     Returns
@@ -106,11 +108,12 @@ def load(
     [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
     """
     place = checked_path(folder)
-    if not place.exists() or not may_be_recording(place):
+    if not place.exists() or not may_be_recording(place, how.get("channel")):
         raise FileFormatError(f"{place}: no such folder or recording")
     if (place / SET_FILE).exists():
         return [entry.read(place) for entry in read_set(place)[0]]
-    recording = recording_in(place) if camera is None else with_camera(recording_in(place), camera)
+    recording = recording_in(place, how.get("channel"))
+    recording = recording if camera is None else with_camera(recording, camera)
     if not recording.cameras and recording.known is None:
         first = recording.colors[0]
         own = f"{first.stem.removesuffix('.color')}.json"
@@ -127,8 +130,9 @@ def load(
     video = None if recording.video is None else Video(recording.video).frames([shot.number for shot in found])
     views, lost, unsure = list[DepthImage](), list[FileFormatError](), list[float]()
     for shot in found:
+        shown = None if video is None else next(video)  # nothing is read after a video's damaged frame
         try:
-            color = shot.stored.color(cast("Path", shot.color)) if video is None else next(video)
+            color = shot.stored.picture(cast("Path", shot.color)) if shown is None else shown
             view, share = _view(shot, color, min_confidence, sharpen, how)
             views.append(view)
             unsure.append(share)

@@ -47,6 +47,12 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
     raise ArgumentError("path", "a file's path in characters that file names may have", describe(path))
 
 
+def like(path: str | os.PathLike[str]) -> Path:
+    """The name of all files of this kind in the folder, for warnings that are shown once for all frames."""
+    file = checked_path(path)
+    return file.with_name(f"*{file.suffix}")
+
+
 def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     """Write these bytes to a file, or leave the old file.
 

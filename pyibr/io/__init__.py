@@ -2,13 +2,14 @@
 
 | suffix | colour | depth |
 |---|---|---|
-| .png | 8 bit, 16-bit gray | 16 or 8 bit, with a scale |
+| .png | 8 or 16 bit | 16 or 8 bit, with a scale |
 | .tif | the same, gray floats | floats, or integers with a scale |
-| .jpg, .bmp, .webp, .ppm | the same | |
+| .jpg, .bmp, .webp, .ppm | the same | gray of 8 bit, with a scale |
 | .npy, .npz | yes | yes; NPZ files of several arrays need a name |
 | .pfm | yes | yes |
 | .exr (extra `exr`) | R, G, B | the channel named depth or z, or a chosen one |
-| .bin (COLMAP), .dpt (Sintel), .hdf5 (extra `hdf5`) | | yes |
+| .bin (COLMAP), .dpt (Sintel) | | yes |
+| .hdf5, .h5 (extra `hdf5`) | the array named colors | the array named depth, or a chosen one |
 | .pgm | 8 or 16 bit | 16 or 8 bit, with a scale |
 
 `read_range_grid` reads scans on a grid (points, no images), `read_relief_map` maps of normals and heights,
@@ -29,7 +30,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import describe, instance_of, one_of, plain_array
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import check_writable, checked_path
+from pyibr.core.files import check_writable, checked_path, like
 from pyibr.core.shown import save_as
 from pyibr.images.converters import depth_from_relative, depth_from_uint16
 from pyibr.images.pictures import Pictured
@@ -75,17 +76,19 @@ class DepthReading(TypedDict, total=False):
 
 _PathLike = str | PathLike[str]
 _COLOR_MODULES = {".npy": "arrays", ".npz": "arrays", ".pfm": "floats", ".exr": "exr"}
+_HDF5 = dict.fromkeys((".hdf5", ".h5"), "arrays")
 _MASK_MODULES = {".npy": "arrays"}
 _DEPTH_MODULES = {
     **dict.fromkeys((".png", ".tif", ".tiff"), "image"),
     **_COLOR_MODULES,
-    **{".bin": "floats", ".pgm": "image", ".dpt": "floats", ".hdf5": "arrays"},
+    **{".bin": "floats", ".pgm": "image", ".dpt": "floats", **_HDF5},
 }
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", *_COLOR_MODULES)
 DEPTH_SUFFIXES = tuple(_DEPTH_MODULES)
 """Suffixes of pictures and of depth in recordings; if a frame has several files of depth, the first suffix counts."""
+_READABLE = dict.fromkeys(COLOR_SUFFIXES, "image") | _DEPTH_MODULES  # depth, also if it is lossy
 
-_CHOICES = {"channel": (".exr", ".npz"), "part": (".exr",)}
+_CHOICES = {"channel": (".exr", ".npz", ".hdf5", ".h5"), "part": (".exr",)}
 
 _FLOATS = (".npy", ".npz", ".exr", ".pfm", ".tif", ".tiff")  # float formats, in which saved views store depth
 _NO_IMAGES = (".ply", ".pcd", ".las", ".laz", ".obj", ".glb", ".gltf", ".stl", ".off")
@@ -111,10 +114,10 @@ def read_color(
     path : path
         Gray becomes R, G, B, and the first of several images is taken. Alpha is dropped, with a UserWarning unless
         all of it is opaque: pyibr draws surfaces, and depth or a mask marks where there are none. 16-bit gray becomes
-        float32 in [0, 1]; the decoder (Pillow) reduces 16-bit RGB to 8 bit. EXR, PFM and NPY are read unchanged: EXR
+        float32 in [0, 1], and so does 16-bit RGB of PNG and TIFF. EXR, PFM and NPY are read unchanged: EXR
         is linear in light, and values may exceed 1.
     channel : str, optional
-        The layer, or one channel, of an EXR; the array of an NPZ. Default: R, G, B of the picture's layer.
+        The layer, or one channel, of an EXR; the array of an NPZ or HDF5. Default: R, G, B of the picture's layer.
     part : str, optional
         The part of an EXR: its name, or its number if it has none. Default: the first part with the channels sought.
 
@@ -136,12 +139,11 @@ def read_color(
     [255, 0, 0]
     """
     chosen = _chosen(path, channel, part)
-    stored = _module(path, _COLOR_MODULES, "image").read_color(path, **chosen)
+    stored = _module(path, _COLOR_MODULES | _HDF5, "image").read_color(path, **chosen)
     color: NDArray[Any] = stored[..., None] if stored.ndim == 2 else stored
     if color.ndim != 3 or color.shape[2] not in (1, 2, 3, 4) or 0 in color.shape:
         raise FileFormatError(f"{path}: expected an image of shape (H, W, 3), got {describe(stored)}")
-    file = checked_path(path)
-    color = image.without_alpha(color, file.with_name(f"*{file.suffix}"))  # one warning for all frames
+    color = image.without_alpha(color, like(path))
     color = color if color.shape[2] == 3 else np.repeat(color, 3, axis=2)
     if color.dtype == np.bool_:
         return color.astype(np.uint8) * np.uint8(255)
@@ -232,8 +234,8 @@ def read_depth(
     Parameters
     ----------
     path : path
-        A gray PNG, PGM or TIFF, or an NPY, NPZ, PFM, EXR, COLMAP, Sintel or HDF5 file. In arrays, axes of length 1
-        are dropped.
+        A gray PNG, PGM, TIFF or JPEG, or an NPY, NPZ, PFM, EXR, COLMAP, Sintel or HDF5 file. Gray may be stored in
+        three channels, of 16 bits, too. In arrays, axes of length 1 are dropped.
     depth_scale : float
         Stored units per scene unit: 1000 for millimetres to metres, 5000 for the TUM data sets. Required for
         integers, where 0 means no depth; 1 for floats if not given.
@@ -248,8 +250,8 @@ def read_depth(
     camera : Camera, optional
         The depth's camera, needed for distances.
     channel : str, optional
-        The channel of an EXR, such as ``"ViewLayer.Depth.Z"``; the array of an NPZ. Default: the one named depth or z,
-        never one of X, Y, Z or of differing R, G, B.
+        The channel of an EXR, such as ``"ViewLayer.Depth.Z"``; the array of an NPZ or HDF5. Default: the one named
+        depth or z, never one of X, Y, Z or of differing R, G, B.
     part : str, optional
         The part of an EXR: its name, or its number if it has none. Default: the first part with the channels sought.
     near, far : float
@@ -279,12 +281,15 @@ def read_depth(
     chosen = _chosen(path, channel, part)
     if depth_kind == "relative":
         return depth_from_relative(_relative(path, chosen), near=near, far=far)
-    stored = _module(path, _DEPTH_MODULES).read_depth(path, **chosen)
+    stored = _module(path, _READABLE).read_depth(path, **chosen)
     if stored.ndim > 2:  # as networks return, (1, H, W) for example
         stored = stored.reshape([length for length in stored.shape if length != 1] or stored.shape)
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
-    return depth_kinds.planar(depth_kinds.scaled(stored, depth_scale, depth_offset, path), depth_kind, camera, path)
+    values = depth_kinds.scaled(stored, depth_scale, depth_offset, path)
+    if depth_kind == "z":
+        depth_kinds.warn_of_relative(stored, path)
+    return depth_kinds.planar(values, depth_kind, camera, path)
 
 
 @np.errstate(all="ignore")
@@ -336,12 +341,11 @@ def _(thing: Pictured, path: _PathLike) -> None:
 
 def _relative(path: _PathLike, chosen: dict[str, str]) -> NDArray[Any]:
     """(H, W) levels of a network's map, also from a gray picture."""
-    if checked_path(path).suffix.lower() in _COLOR_MODULES:
+    if checked_path(path).suffix.lower() in _COLOR_MODULES | _HDF5:
         values = np.squeeze(_module(path, _DEPTH_MODULES).read_depth(path, **chosen))
     else:
         values = _module(path, {}, "image").read_color(path)
-    if values.ndim == 3 and (values[..., :3] == values[..., :1]).all():
-        values = values[..., 0]
+    values = image.gray_of(values, path)
     if values.ndim != 2 or values.dtype.kind not in "uif" or 0 in values.shape:
         raise FileFormatError(f"{path}: expected a gray map of shape (H, W), got {describe(values)}")
     return values

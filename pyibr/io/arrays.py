@@ -1,4 +1,4 @@
-"""Files of arrays: NumPy's NPY; NPZ and HDF5 (such as Hypersim's) of one array, or with a known name."""
+"""Files of arrays: NumPy's NPY; NPZ and HDF5 (such as Hypersim's and BlenderProc's) of one array, or by its name."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ CHOICE = "name one (channel=; --depth-channel)"
 
 
 def read_color(path: _Path, channel: str | None = None) -> NDArray[Any]:
-    """Return the stored array; channel: its name in an NPZ."""
-    return read_array(path, "color", channel)
+    """Return the stored array; channel: its name in an NPZ or HDF5."""
+    return read_array(path, "color", channel) if _is_numpy(path) else read_hdf5(path, channel, "colors", "color", "rgb")
 
 
 def read_depth(path: _Path, channel: str | None = None) -> NDArray[Any]:
-    """Return the stored array; channel: its name in an NPZ."""
-    return read_hdf5(path) if checked_path(path).suffix.lower() == ".hdf5" else read_array(path, "depth", channel)
+    """Return the stored array; channel: its name in an NPZ or HDF5."""
+    return read_array(path, "depth", channel) if _is_numpy(path) else read_hdf5(path, channel, "depth")
 
 
 def write_color(path: _Path, color: NDArray[Any]) -> None:
@@ -44,18 +44,23 @@ def write_depth(path: _Path, depth: NDArray[Any]) -> None:
 
 def check_output(path: _Path) -> None:
     """Raise FileFormatError for HDF5, which is only read."""
-    if checked_path(path).suffix.lower() == ".hdf5":
+    if not _is_numpy(path):
         raise FileFormatError(f"{path}: HDF5 files are only read")
 
 
-def read_hdf5(path: _Path) -> NDArray[Any]:
-    """Return the array named dataset, or the only one."""
-    library = h5py()
+def _is_numpy(path: _Path) -> bool:
+    return checked_path(path).suffix.lower() in (".npy", ".npz")
+
+
+def read_hdf5(path: _Path, channel: str | None = None, *usual: str) -> NDArray[Any]:
+    """Return the array `channel`; by default the first of "dataset" and the usual names, or the only array."""
+    library, names = h5py(), list[str]()
     with reading(path, "HDF5") as source, library.File(source, "r") as file:
-        names = list(file)
-        name = "dataset" if "dataset" in names else names[0] if len(names) == 1 else ""
-        if not name or not isinstance(file[name], library.Dataset):
-            raise FileFormatError(f"{path}: no array 'dataset' among {', '.join(names) or 'none'}")
+        file.visititems(lambda name, one: names.append(name) if isinstance(one, library.Dataset) else None)
+        wanted = ("dataset", *usual) if channel is None else (channel.strip("/"),)
+        name = next((name for name in wanted if name in names), names[0] if len(names) == 1 and not channel else None)
+        if name is None:
+            raise FileFormatError(f"{path}: no array {wanted[-1]!r} among {', '.join(names) or 'none'}; {CHOICE}")
         check_unpacked(int(file[name].size) * int(file[name].dtype.itemsize))
         return np.array(file[name])
 

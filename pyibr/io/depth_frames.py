@@ -40,7 +40,7 @@ class DepthFrames:
         A video in gray of 8, 10, 12 or 16 bits, or with the numbers in its green channel; or NPY or NPZ with an array
         (N, H, W), which may have axes of length 1.
     channel : str, optional
-        Name of the array in an NPZ; default: the only one, or "depth".
+        Name of the array in an NPZ; default: the only one, or "depth". Title or number of a video's track.
 
     Raises
     ------
@@ -50,6 +50,8 @@ class DepthFrames:
     Attributes
     ----------
     path : Path
+    source : Video, or an array
+        What the frames are read from.
 
     Examples
     --------
@@ -65,16 +67,16 @@ class DepthFrames:
     def __init__(self, path: str | os.PathLike[str], channel: str | None = None) -> None:
         self.path = checked_path(path)
         is_video = self.path.suffix.lower() in SUFFIXES
-        self._source: Video | _Array = Video(self.path) if is_video else _Array(self.path, channel)
+        self.source: Video | _Array = Video(self.path, channel, "depth") if is_video else _Array(self.path, channel)
         self._running: tuple[int, Iterator[NDArray[Any]]] = 0, iter(())
 
     def __len__(self) -> int:
-        return len(self._source)
+        return len(self.source)
 
     @property
     def fps(self) -> float | None:
         """Frames per second, or None if the file lacks the rate."""
-        return self._source.fps if isinstance(self._source, Video) else None
+        return self.source.fps if isinstance(self.source, Video) else None
 
     def read(
         self, numbers: Iterable[int], camera: Camera | None = None, **how: Unpack[DepthReading]
@@ -87,16 +89,18 @@ class DepthFrames:
         """Planar depth of a frame; fast for the frame after the last one read."""
         kind = how.get("depth_kind", "z")
         one_of("depth_kind", kind, DepthKind)
-        values = self._stored(number)
+        stored = values = self._stored(number)
         if kind != "relative":
-            values = depth_kinds.scaled(values, how.get("depth_scale"), how.get("depth_offset", 0.0), self.path)
+            values = depth_kinds.scaled(stored, how.get("depth_scale"), how.get("depth_offset", 0.0), self.path)
+        if kind == "z":
+            depth_kinds.warn_of_relative(stored, self.path)
         return depth_kinds.planar(values, kind, camera, self.path, how.get("near", 1.0), how.get("far", 10.0))
 
     def _stored(self, number: int) -> NDArray[Any]:
         """The frame as stored; frames since the last one read are skipped."""
         at, frames = self._running
         if number < at or at == 0:
-            at, frames = number, self._source.gray(range(number, len(self)))
+            at, frames = number, self.source.gray(range(number, len(self)))
         for _ in range(at, number):
             next(frames)
         self._running = number + 1, frames
@@ -150,7 +154,7 @@ class _Array:
 
 
 @dataclass(frozen=True)
-class _OfFile(Stored):
+class OfFile(Stored):
     """A frame of a file that holds the depth of several frames."""
 
     frames: DepthFrames | None = None
@@ -158,7 +162,7 @@ class _OfFile(Stored):
 
     def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> _Depth:
         assert self.frames is not None
-        return self.frames.read_one(self.number, camera, how)
+        return self.frames.read_one(self.number, camera, {**how, "depth_scale": how.get("depth_scale") or self.scale})
 
 
 def frames_in(path: Path, channel: str | None = None) -> DepthFrames | None:
@@ -173,5 +177,5 @@ def recorded(colors: Sequence[Path], frames: DepthFrames, video: Path | None = N
     """A recording of a depth file's frames in order, with a picture for each, one video for all, or none."""
     if colors:
         check_numbers(len(colors), len(frames), str(frames.path))
-    stored = [_OfFile(frames=frames, number=number) for number in range(len(frames))]
+    stored = [OfFile(frames=frames, number=number) for number in range(len(frames))]
     return Recording(list(colors), [frames.path] * len(frames), stored=stored, video=video)

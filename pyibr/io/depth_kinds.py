@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera import Camera
 from pyibr.core.checks import numbers, positive
 from pyibr.core.errors import ArgumentError
+from pyibr.core.files import like
 from pyibr.images.converters import (
     depth_from_euclidean,
     depth_from_relative,
@@ -21,6 +24,7 @@ from pyibr.images.converters import (
 DepthKind = Literal["z", "distance", "inverse", "relative"]
 
 _Values = NDArray[np.float32]
+_RANGE, _SKY_SHARE, _SHARE = 1000.0, 0.001, 0.01
 
 
 def planar(
@@ -45,6 +49,23 @@ def scaled(stored: NDArray[Any], depth_scale: float | None, depth_offset: float,
     if depth_scale is None:
         return np.ascontiguousarray(stored, np.float32) + shift
     return (stored / positive("depth_scale", depth_scale)).astype(np.float32) + shift
+
+
+def warn_of_relative(stored: NDArray[Any], name: str | PathLike[str]) -> None:
+    """Warn if (H, W) values, read as z, use all levels of their integers, or span 1000 to 1, as relative depth does."""
+    if stored.dtype.kind == "u":  # sensors mark lost samples by the largest level, and have few in the upper half
+        slack, half = (4, 128) if stored.itemsize == 1 else (0, 1 << 15)  # JPEG moves levels
+        high = (half - slack) * 255 // 128
+        is_map = stored.min() <= slack and stored.max() >= high and ((stored > half) & (stored < high)).mean() > _SHARE
+    else:
+        known = stored[np.isfinite(stored) & (stored > 0)].astype(np.float32)
+        most = known.max(initial=0)
+        if np.count_nonzero(known == most) > _SKY_SHARE * known.size:  # renderers give the sky one large depth
+            most = known.max(initial=0, where=known < most)
+        is_map = most > _RANGE * known.min(initial=np.inf)
+    if is_map:
+        remedy = 'if larger is nearer, as in a network\'s map, set depth_kind="relative" (--depth-is relative)'
+        warnings.warn(f"{like(name)}: is read as depth, from its least to its largest level; {remedy}", stacklevel=2)
 
 
 def required(depth_scale: float | None, name: object) -> float:

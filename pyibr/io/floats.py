@@ -17,10 +17,9 @@ from pyibr.core.files import checked_path, reading, write_atomically
 _Header = tuple[int, tuple[int, ...], str]
 """Its length in bytes, the image's shape, and the numbers' type."""
 
-_PFM = re.compile(
-    rb"P([Ff])\s{1,9}(\d{1,9})\s{1,9}(\d{1,9})\s{1,9}"
-    rb"([-+]?(?:\d{1,20}\.?\d{0,20}|\.\d{1,20})(?:[eE][-+]?\d{1,3})?)(?:\r\n|\s)"
-)
+_GAP = rb"(?:\s|#[^\n]{0,999}\n){1,9}"  # comments may stand here, as in PGM
+_SCALE = rb"([-+]?(?:\d{1,20}\.?\d{0,20}|\.\d{1,20})(?:[eE][-+]?\d{1,3})?)(?:\r\n|\s)"
+_PFM = re.compile(rb"P([Ff])%b(\d{1,9})%b(\d{1,9})%b" % (_GAP, _GAP, _GAP) + _SCALE)
 _COLMAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
 _SINTEL = struct.pack("<f", 202021.25)
 

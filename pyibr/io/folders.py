@@ -1,10 +1,12 @@
-"""Files of a folder in the order of their numbers, and pairs of files by their times."""
+"""Files of a folder in the order of their numbers, pairs of files by their times, and images in a file by name."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -16,6 +18,41 @@ _TIME_DIFFERENCE_MAX = 0.02
 
 _A_SECOND = {13: 1_000, 16: 1_000_000, 19: 1_000_000_000}
 """Units per second by the number of digits of a time since 1970, for the years 2001 to 2286."""
+
+
+_KINDS = re.compile(
+    r"(?P<depth>depth)|(?P<color>colou?r|rgb|bgr)|(?P<other>infra|(?<![a-z])n?ir(?![a-z])|therm|confiden|amplitud"
+    r"|intensit|disparit|normal|mask|label|segment)"
+)
+
+
+def kind_of(name: str) -> str:
+    """The kind of images by the last word of a name: "depth", "color", "other" or ""; depth_to_rgb is depth."""
+    found = list(_KINDS.finditer(re.sub(r"_to_[^/]+", "", name.lower())))
+    return (found[-1].lastgroup or "") if found else ""
+
+
+def choose(path: Path, kind: Literal["depth", "color"], misfits: Mapping[str, int], wanted: object = None) -> str:
+    """The wanted topic or track, or the one of this kind by name and form; the choice among several is reported.
+
+    misfits: 0 for names whose images have the kind's form, 1 if they may have the kind, 2 if not.
+    """
+    names, remedy = ", ".join(misfits) or "none", " (channel=; --depth-channel)" if kind == "depth" else ""
+    if wanted is not None:
+        word = str(wanted).strip("/").lower()
+        found = [one for one in misfits if word in [name.strip("/").lower() for name in (one, *one.split(" ", 1))]]
+        if not found:
+            raise FileFormatError(f"{path}: expected one of {names}, got {wanted!r}{remedy}")
+        return found[0]
+    ranks = {one: (misfits[one] > 1, {kind: 0, "": 1}.get(kind_of(one), 2), misfits[one]) for one in misfits}
+    best = min(misfits, key=lambda one: ranks[one], default="")
+    if not best or (len(misfits) > 1 and (misfits[best] > 1 or (kind == "depth" and ranks[best][1] > 1))):
+        raise FileFormatError(f"{path}: expected images of {kind}, got {names}; name one{remedy}")
+    others = [one for one in misfits if one != best and misfits[one] < 2]
+    if others or (len(misfits) > 1 and sum(ranks[best][1:]) > 1):
+        chosen = f"{best} is read as {kind}, not {', '.join(others) or 'one with such a name'}"
+        warnings.warn(f"{path}: {chosen}{remedy}", stacklevel=2)
+    return best
 
 
 def files_in(folder: Path, suffixes: Sequence[str], word: str = "") -> list[Path]:

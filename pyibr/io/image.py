@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import struct
+import sys
 import warnings
 import zlib
 from importlib import import_module
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 from pyibr.core.camera_geometry import FILM_DIAGONAL
 from pyibr.core.checks import describe
 from pyibr.core.errors import FileFormatError
-from pyibr.core.files import checked_path, reading, write_atomically
+from pyibr.core.files import checked_path, like, reading, write_atomically
 from pyibr.images.srgb import in_bytes
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ _COLUMNS, _BITS, _ORIENTATION, _SAMPLES, _TILE_COLUMNS, _KIND = 256, 258, 274, 2
 _CODES = {3: "H", 4: "I"}  # types of fields with one number
 _UNSIGNED, _SIGNED, _FLOAT = 1, 2, 3
 _UNKNOWN = {(_UNSIGNED, 32): "u4", (_FLOAT, 16): "f2", (_FLOAT, 64): "f8"}
+_OTHER_ORDER = {"B": "L", "L": "B", "N": "B" if sys.byteorder == "little" else "L"}  # of Pillow's raw modes
+_TINTS = 8, 64  # mean and largest difference of R, G, B that lossy compression causes in gray of 8 bits
 _TO_THE_LEFT = 1  # filter of a PNG's row: differences to the left neighbour
 _PNG_COLORS = {3: 2, 4: 6}  # a PNG's kinds of colour by channels
 _EXIF, _FOCAL, _FOCAL_35MM = 0x8769, 0x920A, 0xA405
@@ -76,9 +80,38 @@ def decoded(data: bytes) -> NDArray[Any]:
             return np.array(picture.convert("RGBA"))
         if picture.mode == "P" and picture.palette is not None:
             return np.array(picture.convert(picture.palette.mode))
+        if picture.mode in ("RGB", "RGBA") and (wide := _of_16_bits(picture, known)) is not None:
+            return wide
         if picture.mode == "I" and picture.format in ("PNG", "PPM"):  # 16 bits, widened by Pillow
             return np.array(picture.convert("I;16"))
         return _as_they_are(np.array(picture), numbers)
+
+
+def _of_16_bits(picture: Any, data: bytes) -> NDArray[np.uint16] | None:
+    """(H, W, 3 or 4), or None for 8 bits. Pillow keeps the upper byte, and in the other byte order the lower one."""
+    from PIL import Image
+
+    kinds = [(tile.args,) if isinstance(tile.args, str) else tuple(tile.args) for tile in picture.tile]
+    if not kinds or not all(re.fullmatch(r"RGB\w?;16[BLN]", kind[0]) for kind in kinds):
+        if getattr(picture, "tag_v2", {}).get(_BITS, (8,))[0] > 8:
+            raise ValueError("R, G, B of more than 8 bits are read if they are stored pixel by pixel")
+        return None
+    args = [(kind[0][:-1] + _OTHER_ORDER[kind[0][-1]], *kind[1:]) for kind in kinds]
+    with Image.open(io.BytesIO(data)) as lower:
+        lower.tile = [tile._replace(args=own) for tile, own in zip(lower.tile, args, strict=True)]
+        return np.array(picture, np.uint16) << 8 | np.array(lower)
+
+
+def gray_of(stored: NDArray[Any], name: str | PathLike[str]) -> NDArray[Any]:
+    """(H, W) of gray that is stored as R, G, B, maybe with tints, which are reported; other images unchanged."""
+    colors = stored[..., :3]
+    if stored.ndim != 3 or stored.shape[2] not in (3, 4) or (colors == colors[..., :1]).all():
+        return colors[..., 0] if stored.ndim == 3 else stored
+    tints = np.ptp(colors, axis=2)
+    if stored.dtype != np.uint8 or tints.mean() > _TINTS[0] or tints.max() > _TINTS[1]:
+        return stored
+    warnings.warn(f"{like(name)}: gray with the tints of lossy compression; its brightness is read", stacklevel=2)
+    return np.rint(colors @ np.array([0.299, 0.587, 0.114])).astype(np.uint8)
 
 
 def without_alpha(image: NDArray[Any], name: object = None) -> NDArray[Any]:
@@ -107,8 +140,7 @@ def opened(data: bytes) -> Image:
 def read_depth(path: str | PathLike[str]) -> NDArray[Any]:
     """Return the stored (H, W): floats, or integers of an unknown unit, 0 for no depth."""
     stored = read_color(path)
-    if stored.shape[2:] == (3,) and (stored == stored[..., :1]).all():  # gray stored as R, G, B
-        stored = stored[..., 0]
+    stored = gray_of(stored, path) if stored.shape[2:] == (3,) else stored
     if stored.ndim != 2 or stored.dtype.kind not in "uif":
         expected = "gray of 8 or 16 bits, or floats, for depth"
         raise FileFormatError(f"{path}: expected {expected}, got {describe(stored)} (colours or alpha are no depth)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 
 from pyibr.core.checks import Float64, checked_pose
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.core.files import checked_path, read_rows, reading
+from pyibr.core.files import checked_path, read_rows, read_text, reading, words_of
 from pyibr.core.rotations import rotation_from_quaternion
 from pyibr.io.cameras import read_cameras
 from pyibr.io.folders import files_in, units_of
 
+_NUMBER = re.compile(r"[-+]?(\d|\.\d|(nan|inf)$)", re.I)
+_TITLES = re.compile(r"(quat|quaternion|pos|position|translation|rotation|orientation|pose|format)s?")
 _TUM = 8  # numbers per line: time tx ty tz qx qy qz qw
 
 
@@ -48,7 +51,8 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     path : path
         One of these forms:
 
-        - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D);
+        - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D). A header that names the columns of a
+          position and a quaternion, such as ``qw``, gives another order or further columns (EuRoC, RTAB-Map, rostopic);
         - a text file with lines of 12 (KITTI) or 16 numbers, or one more with the time first;
         - a text file of 4 x 4 matrices, one row a line (7-Scenes). A line of 3 numbers may precede each, the frame's
           number first (Redwood, Open3D);
@@ -123,11 +127,13 @@ def _read_folder(folder: Path) -> Trajectory:
 
 def _read_file(path: Path) -> Trajectory:
     with reading(path, "trajectory") as source:
-        rows = read_rows(source)
+        named = [] if source.suffix.lower() == ".npy" else _named(read_text(source).splitlines())
+        rows = named or read_rows(source)
     lengths = {len(row) for row in rows}
-    if lengths == {_TUM}:
+    if named or lengths == {_TUM}:
         table = np.array(rows)
-        matrices, times = np.array([pose_of(row[1:4], row[4:]) for row in table]), table[:, 0]
+        matrices = np.array([pose_of(row[-7:-4], row[-4:]) for row in table])
+        times = table[:, 0] if table.shape[1] == _TUM else None
     elif lengths <= {3, 4} and 4 in lengths:
         matrices, times = _stacked(path, rows)
     elif len(lengths) == 1 and lengths <= {12, 13, 16, 17}:
@@ -152,6 +158,32 @@ def _read_file(path: Path) -> Trajectory:
             poses.append(None)
             first = first or FileFormatError(f"{path}: pose {number}: expected {error.expected}, got {error.got}")
     return Trajectory(poses, times, None, first)
+
+
+def _named(lines: list[str]) -> list[list[float]]:
+    """Rows of time, position and quaternion (x, y, z, w) by a header that names the columns; [] without one."""
+    cells = [words_of(line.partition("#")[0]) for line in lines]
+    first = next((k for k, words in enumerate(cells) if words and _NUMBER.match(words[0])), 0)
+    for columns in (_columns_of(header.lower(), len(cells[first])) for header in lines[:first]):
+        if columns:
+            return [[float(words[k]) for k in columns] for words in cells[first:] if words]
+    return []
+
+
+def _columns_of(header: str, count: int) -> list[int]:
+    """Columns of the time, the position and the quaternion (x, y, z, w) among `count` names; [] if it names none."""
+    header = re.sub(r"\[[^\]w]*\]|\([^)w]*\)", " ", header)  # units
+    header = re.sub(r"\bq_?([0123])\b", lambda one: f"q{'wxyz'[int(one[1])]}", header)
+    names = [word for word in re.findall(r"[\w.]+", header) if not _TITLES.fullmatch(word)][-count:]
+    ends, stems = "".join(name[-1] for name in names), [name[:-1] for name in names]
+    wxyz = [
+        k for k in range(count) if sorted(ends[k : k + 4]) == ["w", "x", "y", "z"] and len({*stems[k : k + 4]}) == 1
+    ]
+    xyz = [k for k in range(count) for q in wxyz[-1:] if ends[k : k + 3] == "xyz" and not q - 3 < k < q + 4]
+    if xyz and len(names) == count:
+        found = [*range(xyz[0], xyz[0] + 3), *(ends.index(axis, wxyz[-1]) for axis in "xyzw")]
+        return found if 0 in found else [0, *found]
+    return [0, 1, 2, 3, 5, 6, 7, 4] if count == _TUM and re.search(r"w\W*(?:q_?)?x\W*(?:q_?)?y", header) else []
 
 
 def rigid_or_none(matrix: NDArray[np.floating[Any]]) -> Float64 | None:

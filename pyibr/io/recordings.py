@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 _SIZELESS = (".txt", ".npy", ".csv", ".yaml", ".yml", ".xml", ".gltf", ".glb")  # these may lack the pictures' size
 
+_LOSSY = (".jpg", ".jpeg")
+
 Depth = NDArray[np.float32]
 
 
@@ -50,6 +52,7 @@ class Stored:
     depth: Callable[[Path], NDArray[Any]] | None = None  # in stored units, NaN where there is none
     confidence: Callable[[], NDArray[Any]] | None = None  # (h, w), of each sample
     least: float = 0.0  # samples of a lower confidence are left out
+    chosen: bool = False  # whether `channel` has chosen the images of `depth`
 
     def read_depth(self, path: Path, camera: Camera | None, how: DepthReading) -> Depth:
         """Planar depth as from `pyibr.read_depth`; `how` replaces the layout's options, except by "z" or 0."""
@@ -59,18 +62,26 @@ class Stored:
         if self.depth is None:
             whole: DepthReading = {**how, "depth_scale": scale, "depth_offset": offset, "depth_kind": kind}
             return read_depth(path, camera=camera, **whole)
-        if chosen := how.get("channel") or how.get("part"):
+        if (chosen := how.get("channel") or how.get("part")) and not self.chosen:
             raise ArgumentError("channel", f"none for {path}: its layout chooses the depth", repr(chosen))
-        values = (self.depth(path) + np.float64(offset)) / (scale or 1)
+        with decoding(path, "depth", ArgumentError):
+            values = (self.depth(path) + np.float64(offset)) / (scale or 1)
         return depth_kinds.planar(
             values.astype(np.float32), kind, camera, path, how.get("near", 1.0), how.get("far", 10.0)
         )
 
-    def sure(self, depth: Depth, least: float | None) -> tuple[Depth, float]:
+    def picture(self, path: Path) -> NDArray[Any]:
+        """The picture as `color` reads it; FileFormatError, which names the file, if it cannot be read."""
+        with decoding(path, "picture", ArgumentError):
+            shown = self.color(path)
+            return shown if shown.dtype != np.uint16 else shown / np.float32(65535)
+
+    def sure(self, path: Path, depth: Depth, least: float | None) -> tuple[Depth, float]:
         """Depth without samples of confidence below `least` (None: the layout's), and the fraction of such samples."""
         if self.confidence is None:
             return depth, 0.0
-        known = self.confidence()
+        with decoding(path, "confidence", ArgumentError):
+            known = self.confidence()
         if known.shape != depth.shape:
             raise ArgumentError("confidence", f"{depth.shape[1]}x{depth.shape[0]}, as depth", str(known.shape[::-1]))
         unsure = np.isfinite(depth) & (depth > 0) & (known < (self.least if least is None else least))
@@ -105,7 +116,7 @@ class Recording(NamedTuple):
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the first picture."""
-        return size_of(self.colors[0], self.stored[0].color if self.stored else read_color)
+        return size_of(self.colors[0], self.stored[0].picture if self.stored else read_color)
 
 
 def cameras_of(
@@ -157,7 +168,7 @@ class Shot(NamedTuple):
     def read_depth(self, least: float | None = None, **how: Unpack[DepthReading]) -> tuple[Depth, float]:
         """Planar depth without samples of low confidence, and the fraction of removed samples."""
         depth = self.stored.read_depth(self.depth, self.depth_camera or self.camera, how)
-        return self.stored.sure(depth, least)
+        return self.stored.sure(self.depth, depth, least)
 
 
 def shots_of(
@@ -193,7 +204,7 @@ def numbers_of(recording: Recording) -> list[int]:
     """The frames' own numbers: from the pictures' names, or indices among all pictures originally found."""
     count = len(recording.colors)
     named = [number_of(color) for color in recording.colors]
-    if recording.times is None and None not in named and len(set(named)) == count:
+    if recording.video is None and recording.times is None and None not in named and len(set(named)) == count:
         return [number or 0 for number in named]
     return [place for place, is_kept in enumerate(recording.kept or [True] * count) if is_kept]
 
@@ -203,9 +214,14 @@ def posed(camera: Camera, pose: Float64) -> Camera:
     return Camera(camera.K, camera.size, pose, projection=camera.projection, lens=camera.lens)
 
 
+def depth_files(folder: Path, word: str = "") -> list[Path]:
+    """A folder's files of depth, in order; JPEG counts only without others, which it may depict."""
+    return files_in(folder, DEPTH_SUFFIXES, word) or files_in(folder, _LOSSY, word)
+
+
 def paired(color_folder: Path, depth_folder: Path) -> Recording:
     """The pictures of one folder with the depths of another."""
-    colors, depths = files_in(color_folder, COLOR_SUFFIXES), files_in(depth_folder, DEPTH_SUFFIXES)
+    colors, depths = files_in(color_folder, COLOR_SUFFIXES), depth_files(depth_folder)
     for folder, files, kind in ((color_folder, colors, "picture"), (depth_folder, depths, "file of depth")):
         if not files:
             raise FileFormatError(f"{folder}: no {kind} in it")
@@ -223,7 +239,7 @@ def paired_files(name: str, colors: list[Path], depths: list[Path]) -> Recording
     color_times, depth_times = ([time_of(path) for path in paths] for paths in (colors, depths))
     if None not in color_times and None not in depth_times:
         return paired_by_time(colors, [t or 0.0 for t in color_times], depths, [t or 0.0 for t in depth_times])
-    preferred = sorted(depths, key=lambda path: -DEPTH_SUFFIXES.index(path.suffix.lower()))
+    preferred = sorted(depths, key=lambda path: -(*DEPTH_SUFFIXES, *_LOSSY).index(path.suffix.lower()))
     by_name = {_name(path): path for path in preferred}
     if by_name.keys() == {_name(path) for path in colors} and len(by_name) == len(colors):
         return Recording(colors, [by_name[_name(path)] for path in colors])
@@ -315,10 +331,10 @@ def _poses(recording: Recording, path: Path) -> list[Float64 | None]:
     """A pose for each frame, by its time or number, or in order; None if there is none for its time."""
     found = read_trajectory(path)
     matrices, colors, count = found.poses, recording.colors, len(recording.depths)
-    if found.files is not None and (named := _by_names(colors, found.files)):
+    if recording.video is None and found.files is not None and (named := _by_names(colors, found.files)):
         return [matrices[named[place]] if place in named else None for place in range(count)]
     pairs: dict[int, int] = {}
-    if found.times is not None and len(set(colors)) == count:
+    if found.times is not None and len(set(colors)) == count and recording.video is None:
         at = recording.times or [float(number_of(color) or 0) for color in colors]
         pairs = dict(at_one_time(at, found.times.tolist()))
     if pairs and (recording.times or 2 * len(pairs) >= count):

@@ -83,7 +83,7 @@ def test_color_is_no_depth_and_8_bit_is_no_16_bit(tmp_path: Path):
 
 def test_unknown_suffixes(tmp_path: Path):
     (tmp_path / "d.xyz").write_bytes(b"1")
-    known = "known are .bin, .dpt, .exr, .hdf5, .npy, .npz, .pfm, .pgm, .png, .tif"
+    known = "known are .bin, .bmp, .dpt, .exr, .h5, .hdf5, .jpeg, .jpg, .npy, .npz, .pfm, .pgm, .png, .ppm, .tif"
     for name in ("d.xyz", "d"):
         with pytest.raises(ibr.FileFormatError, match=known):
             ibr.read_depth(tmp_path / name)

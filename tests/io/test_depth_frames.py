@@ -151,3 +151,10 @@ def test_a_folder_of_two_films(tmp_path: Path):
     np.savez(tmp_path / "depth.npz", depth=counts(12)[:3])
     with pytest.raises(ibr.ArgumentError, match="a depth for each of the 5 frames"):
         recording_in(tmp_path)
+
+
+def test_the_array_of_a_folder_of_two_films_is_named(tmp_path: Path):
+    ibr.write_video(tmp_path / "color.mkv", np.zeros((2, HEIGHT, WIDTH, 3), np.uint8), 30)
+    np.savez(tmp_path / "depth.npz", near=np.ones((2, HEIGHT, WIDTH)), far=np.full((2, HEIGHT, WIDTH), 9.0))
+    views = ibr.load(tmp_path, camera=ibr.Camera.from_fov((WIDTH, HEIGHT), fov_x=60), channel="far")
+    assert [float(view.depth[0, 0]) for view in views] == [9, 9]

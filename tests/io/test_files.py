@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,7 @@ def test_npz_with_several_arrays_is_asked_by_name(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match="no array 'c' among a, b"):
         ibr.read_depth(tmp_path / "others.npz", channel="c")
     np.save(tmp_path / "d.npy", depth)
-    for choice, kinds in (("channel", r"\.exr or \.npz"), ("part", r"\.exr")):
+    for choice, kinds in (("channel", r"\.exr or \.npz or \.hdf5 or \.h5"), ("part", r"\.exr")):
         with pytest.raises(ibr.ArgumentError, match=f"^{choice}: .* a file of {kinds}, for .*npy, got 'b'"):
             ibr.read_depth(tmp_path / "d.npy", **{choice: "b"})
 
@@ -123,6 +124,12 @@ SCALES = [("<", "-1.0"), (">", "1.0"), ("<", "-0.0039"), (">", "2e+2"), ("<", "-
 def test_pfm_rows_run_upward_in_either_byte_order(tmp_path: Path, order, scale, newline):
     header = f"Pf{newline}2 3{newline}{scale}{newline}".encode()
     (tmp_path / "d.pfm").write_bytes(header + struct.pack(f"{order}6f", 5, 6, 3, 4, 1, 2))
+    np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.pfm"), [[1, 2], [3, 4], [5, 6]])
+
+
+def test_pfm_with_comments(tmp_path: Path):
+    header = b"Pf # made by hand\n# size\n2 3\n#1 2 3\n-1.0\n"
+    (tmp_path / "d.pfm").write_bytes(header + struct.pack("<6f", 5, 6, 3, 4, 1, 2))
     np.testing.assert_array_equal(ibr.read_depth(tmp_path / "d.pfm"), [[1, 2], [3, 4], [5, 6]])
 
 
@@ -194,6 +201,148 @@ def test_gray_that_is_stored_as_colors_is_depth(tmp_path: Path):
     ibr.write_color(tmp_path / "d.png", levels[..., None].repeat(3, 2))
     found = ibr.read_depth(tmp_path / "d.png", depth_scale=4)
     np.testing.assert_array_equal(found, np.where(levels > 0, levels / np.float32(4), np.float32(np.nan)))
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("name", ["d.png", "raw.tif", "lzw.tif", "tiles.tif"])
+def test_gray_of_16_bits_in_three_channels_keeps_all_bits(tmp_path: Path, name: str, order: str):
+    levels = (np.arange(7 * 13) * 701 % 65536).astype(np.uint16).reshape(13, 7)
+    stored = levels[..., None].repeat(3, axis=2)
+    if name == "d.png":
+        cv2.imwrite(str(tmp_path / name), stored)
+    else:
+        tifffile = pytest.importorskip("tifffile")
+        packed = {"lzw.tif": {"compression": "lzw", "predictor": 2}, "tiles.tif": {"tile": (16, 16)}}.get(name, {})
+        if name == "lzw.tif":
+            pytest.importorskip("imagecodecs")
+        tifffile.imwrite(tmp_path / name, stored, byteorder=order, photometric="rgb", **packed)
+    np.testing.assert_array_equal(
+        ibr.read_depth(tmp_path / name, depth_scale=1000), ibr.depth_from_uint16(levels, 1000)
+    )
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / name), stored / np.float32(65535))
+    relative = ibr.read_depth(tmp_path / name, depth_kind="relative")
+    assert len(np.unique(relative)) == len(np.unique(levels))
+
+
+def test_colours_of_16_bits_keep_all_bits(tmp_path: Path):
+    color = np.random.default_rng(3).integers(0, 65536, (13, 7, 3)).astype(np.uint16)
+    for name in ("c.png", "c.tif"):
+        cv2.imwrite(str(tmp_path / name), color[..., ::-1])
+        np.testing.assert_array_equal(ibr.read_color(tmp_path / name), color / np.float32(65535))
+        with pytest.raises(ibr.FileFormatError, match="colours or alpha are no depth"):
+            ibr.read_depth(tmp_path / name, depth_scale=1000)
+
+
+def test_16_bits_in_separate_planes_are_refused(tmp_path: Path):
+    tifffile = pytest.importorskip("tifffile")
+    planes = np.full((3, 13, 7), 999, np.uint16)
+    tifffile.imwrite(tmp_path / "d.tif", planes, photometric="rgb", planarconfig="separate")
+    for read in (ibr.read_color, ibr.read_depth):
+        with pytest.raises(ibr.FileFormatError, match=r"d\.tif: .* are read if they are stored pixel by pixel"):
+            read(tmp_path / "d.tif")
+
+
+def tinted(levels: np.ndarray) -> np.ndarray:
+    """Gray with the tints that the chroma of lossy compression gets."""
+    coarse = np.random.default_rng(5).integers(-4, 5, (*np.array(levels.shape) // 8, 3))
+    noise = np.kron(coarse, np.ones((8, 8, 1)))
+    return (levels[..., None] + noise).clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
+def test_gray_with_tints_is_read_by_its_brightness(tmp_path: Path, suffix: str):
+    levels = np.broadcast_to(np.linspace(20, 200, 64), (40, 64))
+    Image.fromarray(tinted(levels)).save(tmp_path / f"d{suffix}")
+    for options, expected in (({"depth_scale": 10}, levels / 10), ({"depth_kind": "relative"}, None)):
+        with pytest.warns(UserWarning, match=rf"\*\{suffix}: gray with the tints of lossy compression"):
+            found = ibr.read_depth(tmp_path / f"d{suffix}", **options)
+        if expected is not None:
+            assert np.abs(found - expected).mean() < 0.3
+        assert found.shape == (40, 64)
+
+
+def test_false_colours_and_photographs_are_no_gray(tmp_path: Path):
+    levels = np.linspace(0, 255, 64 * 40).reshape(40, 64).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "map.jpg"), cv2.applyColorMap(levels, cv2.COLORMAP_TURBO))
+    ibr.write_color(tmp_path / "sepia.jpg", (levels[..., None] * np.float32((1, 0.8, 0.6))).astype(np.uint8))
+    for name in ("map.jpg", "sepia.jpg"):
+        with pytest.raises(ibr.FileFormatError, match="colours or alpha are no depth"):
+            ibr.read_depth(tmp_path / name, depth_scale=10)
+
+
+def test_a_folder_of_jpeg_depth_counts_without_other_files(tmp_path: Path):
+    """Beside other files of depth, JPEG is taken as a picture of them."""
+    for number in range(2):
+        ibr.write_color(tmp_path / f"rgb/{number}.png", color_of((16, 8)))
+        Image.fromarray(np.full((8, 16), 40, np.uint8)).save(tmp_path / f"rgb/{number}.depth.jpg")
+    ibr.Camera.from_fov((16, 8), fov_x=60).save(tmp_path / "camera.json")
+    (tmp_path / "depth").mkdir()
+    for number in range(2):
+        (tmp_path / f"rgb/{number}.depth.jpg").rename(tmp_path / f"depth/{number}.jpg")
+    assert [float(np.median(view.depth)) for view in ibr.load(tmp_path, depth_scale=10)] == [4, 4]
+    for number in range(2):
+        ibr.write_depth(tmp_path / f"depth/{number}.png", np.full((8, 16), 7, np.float32), depth_scale=10)
+    assert [float(np.median(view.depth)) for view in ibr.load(tmp_path, depth_scale=10)] == [7, 7]
+
+
+@pytest.mark.parametrize("suffix", [".hdf5", ".h5"])
+def test_arrays_of_hdf5_have_names(tmp_path: Path, suffix: str):
+    """BlenderProc writes colors, depth and more into one file."""
+    h5py = pytest.importorskip("h5py")
+    color, depth = color_of((7, 13)), depth_of((7, 13))
+    file = tmp_path / f"0{suffix}"
+    with h5py.File(file, "w") as stored:
+        stored["colors"], stored["depth"], stored["cam/near"] = color, depth, depth / 2
+    np.testing.assert_array_equal(ibr.read_depth(file), depth)
+    np.testing.assert_array_equal(ibr.read_depth(file, channel="depth"), depth)
+    np.testing.assert_array_equal(ibr.read_depth(file, channel="/cam/near"), depth / 2)
+    np.testing.assert_array_equal(ibr.read_color(file), color)
+    with pytest.raises(ibr.FileFormatError, match="no array 'z' among cam/near, colors, depth; name one"):
+        ibr.read_depth(file, channel="z")
+    with h5py.File(file, "w") as stored:
+        stored["a"], stored["b"] = depth, depth
+    with pytest.raises(ibr.FileFormatError, match="no array 'depth' among a, b; name one"):
+        ibr.read_depth(file)
+    with pytest.raises(ibr.FileFormatError, match="only read"):
+        ibr.write_depth(file, depth)
+    with pytest.raises(ibr.FileFormatError, match="no image format"):
+        ibr.write_color(file, color)
+
+
+RAMP = np.linspace(0, 1, 60).reshape(6, 10)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "is_map"),
+    [
+        ("wide.npy", 0.002 + 9.2 * RAMP, True),  # 4,600 to 1
+        ("room.npy", 0.4 + 60 * RAMP, False),
+        ("sky.npy", np.where(RAMP > 0.8, 1e10, 0.5 + 40 * RAMP), False),
+        ("holes.npy", np.where(RAMP > 0.8, np.inf, 0.5 + 40 * RAMP), False),
+        ("all16.png", (65535 * RAMP).astype(np.uint16), True),
+        ("all8.png", (255 * RAMP).astype(np.uint8), True),
+        ("all8.jpg", (255 * RAMP).astype(np.uint8), True),
+        ("mm.png", (400 + 9000 * RAMP).astype(np.uint16), False),
+        ("lost.png", np.where(RAMP > 0.9, 65535, 9000 * RAMP).astype(np.uint16), False),  # 7-Scenes marks lost samples
+        ("far.png", (500 + 65035 * RAMP).astype(np.uint16), False),  # Virtual KITTI's sky
+        ("few.png", np.where(RAMP == 1, 65535, 9000 * RAMP).astype(np.uint16), False),
+    ],
+)
+def test_a_map_of_a_network_gets_a_hint(tmp_path: Path, name: str, values: np.ndarray, is_map: bool):
+    if name.endswith(".npy"):
+        np.save(tmp_path / name, values.astype(np.float32))
+    else:
+        Image.fromarray(values).save(tmp_path / name)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        ibr.read_depth(tmp_path / name, depth_scale=1000)
+        hints = [str(one.message) for one in told]
+        ibr.read_depth(tmp_path / name, depth_scale=1000, depth_kind="inverse")
+        if name.endswith(".png"):
+            with pytest.raises(ibr.ArgumentError, match="depth_scale"):
+                ibr.read_depth(tmp_path / name)
+    assert len(told) == len(hints) == is_map
+    assert all("--depth-is relative" in hint for hint in hints)
 
 
 def test_depth_of_8_bits_has_a_scale_too(tmp_path: Path):

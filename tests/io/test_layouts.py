@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 import warnings
+import zipfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -286,6 +289,61 @@ def test_unsure_samples_are_left_out(tmp_path: Path):
     depth, share = shot.read_depth()
     assert share == 1 / 8 and np.isnan(depth[:3]).all() and np.isfinite(depth[3:]).all()
     assert shot.read_depth(0)[1] == 0 and shot.read_depth(3)[1] == 1
+
+
+@pytest.mark.parametrize("name", ["r3d", "r3d_packed"])
+@pytest.mark.parametrize("damage", [b"no picture", b"\xff\xd8"])
+def test_a_damaged_picture_in_a_packed_recording_is_named(tmp_path: Path, name: str, damage: bytes):
+    SPECIMENS[name][0](tmp_path / "it")
+    folder = tmp_path / "it"
+    if name == "r3d_packed":
+        with zipfile.ZipFile(folder / "one.r3d") as packed:
+            files = {one: packed.read(one) for one in packed.namelist()}
+        with zipfile.ZipFile(folder / "one.r3d", "w") as packed:
+            for one, data in files.items():
+                packed.writestr(one, damage if one.endswith("0.jpg") else data)
+    else:
+        (folder / "rgbd/0.jpg").write_bytes(damage)
+    shots = shots_of(recording_in(folder), cameras_of(recording_in(folder)))
+    with pytest.raises(ibr.FileFormatError, match=r"0\.jpg: not a readable picture file"):
+        shots[0].stored.picture(shots[0].color)
+    assert len(ibr.load(folder)) == 1
+
+
+def test_a_damaged_archive_is_named(tmp_path: Path):
+    SPECIMENS["r3d_packed"][0](tmp_path / "it")
+    shutil.unpack_archive(tmp_path / "it/one.r3d", tmp_path / "out", "zip")
+    with zipfile.ZipFile(tmp_path / "it/one.r3d", "w") as packed:
+        for file in (tmp_path / "out").rglob("*"):
+            packed.write(file, file.relative_to(tmp_path / "out"))
+    data = (tmp_path / "it/one.r3d").read_bytes()
+    at = data.index(b"\xff\xd8\xff") + 40  # within a picture: its checksum fails
+    (tmp_path / "it/one.r3d").write_bytes(data[:at] + bytes(9) + data[at + 9 :])
+    assert len(ibr.load(tmp_path / "it")) == 1
+
+
+def test_depth_pro_as_apples_program_writes_it(tmp_path: Path):
+    """Its NPZ has no focal length, and a colour map with the stem of the photograph lies beside it."""
+    SPECIMENS["depth_pro"][0](tmp_path)
+    with np.load(tmp_path / "a.npz") as stored:
+        depth = stored["depth"]
+    np.savez_compressed(tmp_path / "a.npz", depth=depth)
+    near = 1 / depth
+    level = np.uint8(255 * (near - near.min()) / (near.max() - near.min()))
+    cv2.imwrite(str(tmp_path / "a.jpg"), cv2.applyColorMap(level, cv2.COLORMAP_TURBO))
+    camera = ibr.Camera([[60.0, 0, 31.5], [0, 60.0, 23.5], [0, 0, 1]], (64, 48))
+    (view,) = ibr.load(tmp_path, camera=camera)
+    np.testing.assert_array_equal(view.color, ibr.read_color(tmp_path / "a.png"))
+    np.testing.assert_array_equal(view.depth, depth)
+    with pytest.raises(ibr.FileFormatError, match=r"has neither a\.json nor camera\.json"):
+        ibr.load(tmp_path)
+    Image.open(tmp_path / "a.png").save(tmp_path / "b.jpg", quality=98)
+    (tmp_path / "a.npz").rename(tmp_path / "b.npz")
+    assert len(ibr.load(tmp_path, camera=camera)) == 1  # the photograph may be a JPEG, too
+    (tmp_path / "b.npz").rename(tmp_path / "a.npz")
+    (tmp_path / "a.png").unlink()
+    with pytest.raises(ibr.FileFormatError, match=r"a\.jpg: is a colour map of a\.npz; expected the photograph"):
+        ibr.load(tmp_path, camera=camera)
 
 
 def test_the_manual_lists_every_layout():

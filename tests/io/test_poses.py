@@ -54,6 +54,43 @@ def test_each_form_holds_the_poses(tmp_path: Path, form):
         np.testing.assert_allclose(found.times, TIMES if timed else np.arange(len(CAMERAS)))
 
 
+X, Y, Z, W = 0.1, -0.4, 0.2, float(np.sqrt(1 - 0.21))
+HEADERS = {
+    "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []": "txyzWXYZ",
+    "#timestamp, p_x [m], p_y [m], p_z [m], q_w [], q_x [], q_y [], q_z [], v_x [m s^-1], v_y [m s^-1], v_z [m s^-1], "
+    "b_w_x [rad s^-1], b_w_y [rad s^-1], b_w_z [rad s^-1], b_a_x, b_a_y, b_a_z": "txyzWXYZ---------",
+    "# timestamp tx ty tz qx qy qz qw": "txyzXYZW",
+    "# timestamp tx ty tz qw qx qy qz": "txyzWXYZ",
+    "timestamp,x,y,z,qw,qx,qy,qz": "txyzWXYZ",
+    "Time;Position X;Position Y;Position Z;Rotation W;Rotation X;Rotation Y;Rotation Z": "txyzWXYZ",
+    "# Format: [timestamp, tx, ty, tz, qw, qx, qy, qz]": "txyzWXYZ",
+    "# time qx qy qz qw tx ty tz": "tXYZWxyz",
+    "# t x y z w x y z": "txyzWXYZ",
+    "# t tx ty tz, quaternion (w x y z)": "txyzWXYZ",
+    "# the quaternions are wxyz": "txyzWXYZ",
+    "# timestamp tx ty tz q0 q1 q2 q3": "txyzWXYZ",
+    "#timestamp x y z qx qy qz qw id": "txyzXYZW-",
+    "%time,field.header.seq,field.pose.position.x,field.pose.position.y,field.pose.position.z,field.pose.orientation.x,"
+    "field.pose.orientation.y,field.pose.orientation.z,field.pose.orientation.w": "t-xyzXYZW",
+    "tx ty tz qw qx qy qz": "xyzWXYZ",
+}
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_a_header_names_the_columns(tmp_path: Path, header: str):
+    known = {"x": 1.0, "y": 2.0, "z": 3.0, "X": X, "Y": Y, "Z": Z, "W": W, "-": 7.0}
+    lines = [[known.get(one, 100.5 + number) for one in HEADERS[header]] for number in range(2)]
+    text = "\n".join((", " if "," in header else " ").join(map(repr, line)) for line in lines)
+    (tmp_path / "p.csv").write_text(f"# a remark\n{header}\n{text}\n")
+    found = read_poses(tmp_path / "p.csv")
+    plain = " ".join(map(repr, (0, 1, 2, 3, X, Y, Z, W)))
+    (tmp_path / "plain.txt").write_text(f"{plain}\n{plain}\n")
+    np.testing.assert_allclose(found.world_from_camera, read_poses(tmp_path / "plain.txt").world_from_camera)
+    assert (found.times is None) == ("t" not in HEADERS[header])
+    if found.times is not None:
+        np.testing.assert_array_equal(found.times, [100.5, 101.5])
+
+
 def test_a_folder_of_files_is_read_in_the_order_of_their_numbers(tmp_path: Path):
     with pytest.raises(ibr.FileFormatError, match="no text files with poses"):
         read_poses(tmp_path)

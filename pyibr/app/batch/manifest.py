@@ -16,6 +16,7 @@ from pyibr.core.optional import fsspec
 FOLDER = "manifest"
 PART = ".part-"  # prefix of the folders that workers write in
 _FAILED = "failed.json"
+_ODD = (ValueError, TypeError, LookupError, AttributeError, RecursionError)  # of lines that are no entries
 _SECONDS = 5.0  # between a task's end and its entry in the manifest: a crash repeats at most so much work
 
 
@@ -45,9 +46,10 @@ class Manifest:
             self._sizes[path] = info["size"]
         for part in sorted(self._files.glob(f"{self._parts}/*.jsonl")):
             for line in self._files.cat_file(part).splitlines():
-                with suppress(ValueError):  # the last line, cut off on a full disk
-                    entry: Entry = json.loads(line)
-                    self._entries[entry["name"]] = entry
+                with suppress(*_ODD):  # the last line, cut off on a full disk, or a line of another program
+                    told = json.loads(line)
+                    files = {path: (size, digest) for path, (size, digest) in told["files"].items()}
+                    self._entries[told["name"]] = {"name": told["name"], "key": told["key"], "files": files}
 
     def has(self, task: Task, verify: bool) -> bool:
         """Tell whether the task is done and its files have the right size, and with `verify` the right checksum."""

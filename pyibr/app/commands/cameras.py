@@ -57,11 +57,11 @@ class LensOptions(NamedTuple):
         )
         return Camera.from_fov(size, fov_x=_FOV) if width >= height else Camera.from_fov(size, fov_y=_FOV)
 
-    def camera_of_folder(self, folder: Path, file: Path | None) -> Camera | None:
+    def camera_of_folder(self, folder: Path, file: Path | None, channel: str | None) -> Camera | None:
         """The camera of a recording's pictures; None if no option replaces the recording's own."""
         if file is None and self == LensOptions():
             return None
-        recording = recording_in(folder)
+        recording = recording_in(folder, channel)
         return self.camera_of(recording.colors[0], file, recording.size)
 
 

@@ -36,7 +36,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.io import DepthReading
 from pyibr.io.depth_frames import frames_in
-from pyibr.io.layouts import find_recording, may_be_recording
+from pyibr.io.layouts import find_recording
 from pyibr.io.recordings import Shot, Stored
 
 _ANY = LensOptions(fov=60.0)  # cleaning the planar depth of a static camera does not depend on the lens
@@ -97,7 +97,7 @@ def _opened(options: InputOptions, color: Path | None, stored: StoredDepth, need
     needed: whose camera must be given, in the words of the error; None if only distances need one.
     """
     (place,), camera = options.inputs, next(iter(options.cameras), None)
-    recording = find_recording(place) if color is None and may_be_recording(place) else None
+    recording = find_recording(place, options.channel) if color is None else None
     if options.lens == LensOptions() and not (camera or (recording and (recording.cameras or recording.known))):
         needed = "the depth for --depth-kind distance" if stored.depth_kind == "distance" else needed
         if needed is not None:

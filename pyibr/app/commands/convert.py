@@ -25,9 +25,9 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
 from pyibr.io import CameraForm, DepthKind, read_cameras, write_cameras
 from pyibr.io.camera_files import nerf_frame
-from pyibr.io.layouts import find_recording, may_be_recording
+from pyibr.io.layouts import find_recording
 from pyibr.io.layouts.transforms import write_frames
-from pyibr.io.recordings import cameras_of, posed
+from pyibr.io.recordings import Recording, cameras_of, posed
 from pyibr.meshes.files import check_mesh_file, is_mesh_file
 
 _MILLIMETRES = 1000.0
@@ -71,16 +71,16 @@ def convert(
     for path in sources:
         check_exists(file_and_name(path)[0])
     source, suffix = sources[0], output.suffix.lower()
-    is_recording = len(sources) > 1 or (may_be_recording(source) and find_recording(source) is not None)
+    recording = None if is_mesh_file(source) else find_recording(source, reading.stored.how.get("channel"))
     if is_mesh_file(source):
         _convert_mesh(source, output)
-    elif form is None and is_recording and not suffix:
+    elif form is None and (recording or len(sources) > 1) and not suffix:
         with device_of(device):
             _convert_recording(Inputs(sources, reading), sources, output, to_scale or _MILLIMETRES)
     elif len(sources) > 1:
         raise ArgumentError("--output", "a folder, for a recording of COLOR and DEPTH", str(output))
     elif form is not None or suffix in ("", ".json"):
-        _convert_cameras(source, output, form or _form_of(output), size)
+        _convert_cameras(source, output, form or _form_of(output), size, recording)
     else:
         stored, of_integers = reading.stored, suffix in _OF_INTEGERS
         scale = stored.depth_scale if to_scale is None and of_integers else to_scale
@@ -105,23 +105,22 @@ def _form_of(output: Path) -> CameraForm:
     return "nerfstudio" if output.name.lower().startswith("transforms") else "pyibr"
 
 
-def _convert_cameras(source: Path, output: Path, form: CameraForm, size: tuple[int, int] | None) -> None:
+def _convert_cameras(
+    source: Path, output: Path, form: CameraForm, size: tuple[int, int] | None, recording: Recording | None
+) -> None:
     if form == "colmap" and output.suffix:
         raise ArgumentError("--output", "a folder, for a COLMAP model", str(output))
     if form != "colmap" and output.suffix.lower() != ".json":
         raise ArgumentError("--output", f"a file that ends in .json, as {form}", str(output))
     read = [file_and_name(source)[0]]
     check_outputs({"SOURCE": read}, {"--output": [output / "cameras.txt" if form == "colmap" else output]})
-    cameras = _cameras_in(source, size)
+    cameras = read_cameras(source, size=size) if recording is None else _cameras_of(recording)
     write_cameras(output, cameras, form)
     tell_written([output], f"{len(cameras)} {'camera' if len(cameras) == 1 else 'cameras'}, as {form}")
 
 
-def _cameras_in(source: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
-    """The cameras of a recording's pictures with a pose, or of a file or model."""
-    recording = find_recording(source) if may_be_recording(source) else None
-    if recording is None:
-        return read_cameras(source, size=size)
+def _cameras_of(recording: Recording) -> dict[str, Camera]:
+    """The cameras of a recording's pictures with a pose."""
     pairs = zip(recording.colors, cameras_of(recording), strict=True)
     named = [(color.name, posed(camera, pose)) for color, (camera, pose) in pairs if pose is not None]
     found = dict(named)

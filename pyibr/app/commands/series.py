@@ -15,7 +15,7 @@ from pyibr.core.errors import FileFormatError
 from pyibr.core.files import check_exists
 from pyibr.io.depth_frames import frames_in
 from pyibr.io.folders import files_in
-from pyibr.io.recordings import COLOR_SUFFIXES, DEPTH_SUFFIXES
+from pyibr.io.recordings import COLOR_SUFFIXES, depth_files
 from pyibr.io.video import SUFFIXES, Video
 
 
@@ -32,7 +32,7 @@ class Series(NamedTuple):
 def pictures_in(path: Path, exposure: Exposure) -> Series:
     """The pictures of a path."""
     if path.suffix.lower() not in SUFFIXES or path.is_dir():
-        return _of_files(path, COLOR_SUFFIXES, exposure.read)
+        return _of_files(path, files_in(path, COLOR_SUFFIXES) if path.is_dir() else [path], exposure.read)
     video = Video(path)
     return Series(_numbers(len(video)), [path], video.frames, video.fps)
 
@@ -45,7 +45,7 @@ def depths_in(path: Path, stored: StoredDepth, camera: Camera | None) -> Series:
     check_exists(path)
     frames = None if path.is_dir() else frames_in(path, stored.how.get("channel"))
     if frames is None:
-        return _of_files(path, DEPTH_SUFFIXES, lambda file: stored.read(file, camera))
+        return _of_files(path, depth_files(path) if path.is_dir() else [path], lambda file: stored.read(file, camera))
 
     def read(numbers: Iterable[int]) -> Iterator[NDArray[Any]]:
         return (stored.read_frame(frames, number, camera) for number in numbers)
@@ -63,11 +63,10 @@ def paired(a: Series, b: Series, name: str) -> list[tuple[int, int]]:
     return pairs or [(number, number) for number in range(len(a.names))]
 
 
-def _of_files(path: Path, suffixes: Iterable[str], read: Callable[[Path], NDArray[Any]]) -> Series:
+def _of_files(path: Path, files: list[Path], read: Callable[[Path], NDArray[Any]]) -> Series:
     check_exists(path)
-    files = files_in(path, tuple(suffixes)) if path.is_dir() else [path]
     if not files:
-        raise FileFormatError(f"{path}: expected a file of a known suffix in it: {', '.join(suffixes)}")
+        raise FileFormatError(f"{path}: expected a file of a known suffix in it")
 
     def read_some(numbers: Iterable[int]) -> Iterator[NDArray[Any]]:
         return (read(files[number]) for number in numbers)

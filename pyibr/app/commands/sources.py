@@ -20,7 +20,6 @@ from pyibr.io.folders import files_in
 from pyibr.io.layouts import find_recording, may_be_recording, recording_in
 from pyibr.io.recordings import (
     COLOR_SUFFIXES,
-    DEPTH_SUFFIXES,
     PLAIN,
     Recording,
     Shot,
@@ -28,6 +27,7 @@ from pyibr.io.recordings import (
     are_placed,
     cameras_of,
     check_numbers,
+    depth_files,
     paired,
     shots_of,
     with_camera,
@@ -93,7 +93,7 @@ class Source:
             elif frames is not None:
                 yield next(frames)
             elif shot.color is not None:
-                yield losses.or_none(functools.partial(shot.stored.color, shot.color))
+                yield losses.or_none(functools.partial(shot.stored.picture, shot.color))
 
     def files(self) -> dict[str, list[Path]]:
         """List the files to read: colours and depth."""
@@ -148,13 +148,13 @@ def open_depths(
     and the depth's if it differs.
     """
     (depth,), take = options.inputs, options.take
-    is_recording = color in (None, depth) and may_be_recording(depth) and find_recording(depth) is not None
+    is_recording = color in (None, depth) and find_recording(depth, options.channel) is not None
     if is_recording or color is not None:
         inputs = [depth] if color is None or is_recording else [color, depth]
         (source,), is_still = open_sources(options._replace(inputs=inputs))
         return source, is_still
     frames = None if depth.is_dir() else frames_in(depth, options.channel)
-    found = Recording([], files_in(depth, DEPTH_SUFFIXES) if depth.is_dir() else [depth])
+    found = Recording([], depth_files(depth) if depth.is_dir() else [depth])
     found = found if frames is None else recorded([], frames)
     if not found.depths:
         raise FileFormatError(f"{depth}: no file of depth in it")
@@ -168,8 +168,8 @@ def open_depths(
 def _recordings(inputs: Sequence[Path], channel: str | None) -> tuple[list[tuple[Recording, Video | None]], bool]:
     for path in inputs:
         check_exists(path)
-    if len(inputs) == 1 and may_be_recording(inputs[0]):
-        recording = recording_in(inputs[0])
+    if len(inputs) == 1 and may_be_recording(inputs[0], channel):
+        recording = recording_in(inputs[0], channel)
         _note_unpaired(recording)
         return [(recording, None if recording.video is None else Video(recording.video))], recording.is_still
     if len(inputs) % 2:
@@ -195,10 +195,10 @@ def _recorded(color: Path, depth: Path, channel: str | None) -> tuple[Recording,
         return recording, None
     colors = files_in(color, COLOR_SUFFIXES) if video is None else [color] * len(video)
     if not depth.is_dir():
-        return recorded(colors, DepthFrames(depth, channel)), video
-    depths = files_in(depth, DEPTH_SUFFIXES)
+        return recorded(colors, DepthFrames(depth, channel), None if video is None else color), video
+    depths = depth_files(depth)
     check_numbers(len(colors), len(depths), str(depth))
-    return Recording(colors, depths), video
+    return Recording(colors, depths, video=None if video is None else color), video
 
 
 def _note_unpaired(recording: Recording) -> None:

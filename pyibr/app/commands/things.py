@@ -57,12 +57,12 @@ class ImageOptions(NamedTuple):
         """The things of these names, and y if all are meshes whose files define no up direction."""
         self.cleaning.checked()  # wrong options are errors for meshes, too
         default_depth_of(self.default_depth)
-        things, rest = list[DepthImage | Mesh](), list(names)
+        things, rest, channel = list[DepthImage | Mesh](), list(names), self.stored.how.get("channel")
         while rest:
             name = rest.pop(0)
             check_exists(name)
-            if may_be_recording(name):
-                for view in self.stored.load(name, self.lens.camera_of_folder(name, self.camera)):
+            if may_be_recording(name, channel):
+                for view in self.stored.load(name, self.lens.camera_of_folder(name, self.camera, channel)):
                     depth, noise = self._cleaned(view.color, view.depth, view.camera)
                     made = DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals, noise=noise)
                     things.append(made)

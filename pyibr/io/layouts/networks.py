@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
 from pyibr.core.errors import FileFormatError
-from pyibr.io import image
+from pyibr.images.srgb import in_bytes
+from pyibr.io import image, read_color
 from pyibr.io.arrays import names_in, read_array
 from pyibr.io.folders import files_in
 from pyibr.io.layouts.parts import camera_of, inverted, matrix, object_in
@@ -27,6 +28,7 @@ _NAMES = {
 }
 """Names of arrays in Depth Anything 3's and VGGT's files."""
 
+_ALIKE = 0.25  # difference of colours at equal depths in a map of depth, relative to their spread
 _FOCAL = ("focallength_px", "focal_length", "focallength")
 _PLACES = ("", "exports/npz", "exports/mini_npz")
 
@@ -66,25 +68,42 @@ def find_stack(folder: Path) -> Recording | None:
 
 
 def find_depth_pro(folder: Path) -> Recording | None:
-    """Find NPZ files of depth and focal length in pixels, each beside the picture of the same stem."""
-    pictures = {picture.stem: picture for picture in files_in(folder, COLOR_SUFFIXES) if picture.suffix != ".npz"}
-    files = [file for file in files_in(folder, (".npz",)) if file.stem.removesuffix("_depth") in pictures]
-    focal = {file: name for file in files for name in _FOCAL if "depth" in (keys := names_in(file)) and name in keys}
-    if not focal:
-        return None
-    colors = [pictures[file.stem.removesuffix("_depth")] for file in focal]
+    """Find NPZ files of depth, maybe with the focal length in pixels, each beside the picture of the same stem.
+
+    Apple's program writes the depth alone, and its colour map as JPEG of the same stem, which is no picture.
+    """
+    pictures = [picture for picture in files_in(folder, COLOR_SUFFIXES) if picture.suffix != ".npz"]
+    stems = {picture.stem for picture in pictures}
+    files = [file for file in files_in(folder, (".npz",)) if file.stem.removesuffix("_depth") in stems]
+    found = {
+        file: next((name for name in _FOCAL if name in keys), "")
+        for file in files
+        if "depth" in (keys := names_in(file))
+    }
+    colors = list[Path]()
+    for file in found:
+        alike = [picture for picture in pictures if picture.stem == file.stem.removesuffix("_depth")]
+        own = [picture for picture in alike if found[file] or not _is_map(picture, file)]
+        if not own:
+            raise FileFormatError(f"{alike[0]}: is a colour map of {file.name}; expected the photograph beside it")
+        colors.append(own[-1])
 
     def camera(file: Path, color: Path) -> Camera:
         width, height = size_of(color)
-        f = float(read_array(file, focal[file]).ravel()[0])
+        f = float(read_array(file, found[file]).ravel()[0])
         return camera_of(file, matrix(f, (width - 1) / 2, (height - 1) / 2), (width, height))
 
-    return Recording(
-        colors,
-        list(focal),
-        known=lambda: [camera(file, color) for file, color in zip(focal, colors, strict=True)],
-        is_still=len(colors) == 1,
-    )
+    known = (lambda: [*map(camera, found, colors)]) if all(found.values()) else None
+    return Recording(colors, list(found), known=known, is_still=len(colors) == 1) if found else None
+
+
+def _is_map(picture: Path, file: Path) -> bool:
+    """Tell whether a JPEG shows depth in false colours: samples of nearly equal depth have nearly equal colours."""
+    color, depth = image.read_color(picture), np.squeeze(read_array(file, "depth"))
+    if picture.suffix.lower() not in (".jpg", ".jpeg") or color.ndim != 3 or color.shape[:2] != depth.shape:
+        return False
+    ordered = color.reshape(-1, color.shape[2])[np.argsort(depth, axis=None)].astype(np.float32)
+    return bool(np.abs(np.diff(ordered, axis=0)).mean() < _ALIKE * np.abs(ordered - ordered.mean(axis=0)).mean())
 
 
 def _stacked(folder: Path, file: Path, names: dict[str, str]) -> Recording:
@@ -135,8 +154,7 @@ def _layer(
 def _resized(size: tuple[int, int], path: Path) -> NDArray[Any]:
     from PIL import Image
 
-    picture = image.without_alpha(np.atleast_3d(image.read_color(path)), path.with_name(f"*{path.suffix}"))
-    return np.array(Image.fromarray(picture.squeeze()).resize(size, Image.Resampling.BOX))
+    return np.array(Image.fromarray(in_bytes(read_color(path))).resize(size, Image.Resampling.BOX))
 
 
 def _pictures(file: Path, name: str) -> Callable[[int], NDArray[Any]]:

@@ -9,7 +9,7 @@ from pyibr.core.errors import FileFormatError
 from pyibr.io.colmap_model import model_in
 from pyibr.io.depth_frames import FRAME_SUFFIXES, DepthFrames, recorded
 from pyibr.io.folders import files_in
-from pyibr.io.recordings import COLOR_SUFFIXES, DEPTH_SUFFIXES, Recording, paired, paired_files
+from pyibr.io.recordings import COLOR_SUFFIXES, Recording, depth_files, paired, paired_files
 from pyibr.io.video import SUFFIXES, Video
 
 COLOR_FOLDERS, DEPTH_FOLDERS = ("rgb", "color", "colour", "image", "images"), ("depth", "depths")
@@ -24,19 +24,19 @@ def find_folders(folder: Path) -> Recording | None:
     return with_files(folder, paired(color, depth)) if color and depth else None
 
 
-def find_films(folder: Path) -> Recording | None:
-    """Find a video of colours, and depth as a video or as an array of all frames."""
+def find_films(folder: Path, channel: str | None = None) -> Recording | None:
+    """Find a video of colours, and depth as a video or as an array (`channel`) of all frames."""
     colors = [file for word in ("color", "rgb") for file in files_in(folder, SUFFIXES, word)]
     depths = [file for file in files_in(folder, FRAME_SUFFIXES, "depth") if file not in colors]
     if len(colors) != 1 or len(depths) != 1:
         return None
-    video, frames = Video(colors[0]), DepthFrames(depths[0])
+    video, frames = Video(colors[0]), DepthFrames(depths[0], channel)
     return with_files(folder, recorded([video.path] * len(video), frames, video.path))
 
 
 def find_names(folder: Path) -> Recording | None:
     """Find files with color (or rgb) and depth in their names."""
-    depths = files_in(folder, DEPTH_SUFFIXES, "depth")
+    depths = depth_files(folder, "depth")
     colors = files_in(folder, COLOR_SUFFIXES, "color") or files_in(folder, COLOR_SUFFIXES, "rgb")
     return with_files(folder, paired_files(str(folder), colors, depths)) if depths and colors else None
 

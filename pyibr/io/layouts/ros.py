@@ -19,6 +19,7 @@ from pyibr.core.files import decoding
 from pyibr.core.optional import rosbags, rosbags_types
 from pyibr.core.rotations import rotation_from_quaternion
 from pyibr.io import image
+from pyibr.io.folders import at_one_time, choose
 from pyibr.io.poses import rigid_or_none
 from pyibr.io.recordings import Recording, Stored, paired_by_time
 
@@ -28,6 +29,8 @@ _DEPTHS = {"16UC1": (np.uint16, 1000.0), "mono16": (np.uint16, 1000.0), "32FC1":
 """Encodings of depth: stored type, and units per metre."""
 _COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0), "mono8": (0, 0, 0)}
 _TRANSFORM, _DATA, _UNITS = "geometry_msgs/msg/Transform", "/image/data", "/option/Depth_Units/value"  # RealSense's
+_MISFITS = {"16UC1": 0, "32FC1": 0, "mono16": 1}  # for `choose`
+_GRAY_16 = bytes((16, 0))  # a PNG's bits and kind of colour
 _GAP_MAX = 0.1  # seconds between transforms; in longer gaps the pose is unknown
 
 
@@ -50,8 +53,8 @@ class _Images(NamedTuple):
     at: list[int]
 
 
-def find_bag(folder: Path) -> Recording | None:
-    """Find a .bag file, or metadata.yaml with a bag of ROS 2; depth is 16UC1 (millimetres) or 32FC1 (metres)."""
+def find_bag(folder: Path, channel: str | None = None) -> Recording | None:
+    """Find a .bag, or metadata.yaml with a bag of ROS 2; depth, in topic `channel`, is 16UC1 (mm) or 32FC1 (m)."""
     bags = [folder] if folder.is_file() else sorted(folder.glob("*.bag"))
     is_second = (folder / "metadata.yaml").is_file() and any(any(folder.glob(form)) for form in ("*.db3", "*.mcap"))
     if len(bags) != 1 and not is_second:
@@ -62,13 +65,7 @@ def find_bag(folder: Path) -> Recording | None:
         infos = {one.topic: next(_messages(reader, one)) for one in reader.connections if one.msgtype == _INFO}
         steps = _steps(reader)
         units = [next(_messages(reader, one)).data for one in reader.connections if one.topic.endswith(_UNITS)]
-    depth = next((one for one in topics if one is not None and one.encoding in _DEPTHS), None)
-    colors = [one for one in topics if one is not None and one.encoding not in _DEPTHS]
-    color = min(colors, key=lambda one: one.encoding == "mono8", default=None)  # infrared images come last
-    if depth is None or color is None:
-        raise FileFormatError(
-            f"{path}: expected topics of colour and of depth (16UC1, 32FC1), got {len(topics)} of images"
-        )
+    depth, color = _chosen(path, {one.topic: one for one in topics if one is not None}, channel)
     found = paired_by_time([path] * len(color.at), color.stamps, [path] * len(depth.at), depth.stamps)
     times = found.times or []
     of_color, of_depth = (_camera(path, one, infos) for one in (color, depth))
@@ -76,7 +73,6 @@ def find_bag(folder: Path) -> Recording | None:
     aside = _place(steps, depth.frame, times[0])
     if of_depth != of_color and placed[0] is not None and aside is not None:
         of_depth = Camera(of_depth.K, of_depth.size, np.linalg.inv(placed[0]) @ aside, lens=of_depth.lens)
-    nearest = [int(np.abs(np.array(depth.stamps) - time).argmin()) for time in times]
     kind, scale = _DEPTHS[depth.encoding]
     scale = 1 / units[0] if units else scale
     of_time = dict(zip(color.stamps, color.at, strict=True))
@@ -89,10 +85,21 @@ def find_bag(folder: Path) -> Recording | None:
                 scale,
                 color=partial(_color_at, topic=color.topic, at=of_time[time]),
                 depth=partial(_depth_at, topic=depth.topic, at=depth.at[place], kind=kind),
+                chosen=True,
             )
-            for time, place in zip(times, nearest, strict=True)
+            for time, (_, place) in zip(times, at_one_time(color.stamps, depth.stamps), strict=True)
         ],
     )
+
+
+def _chosen(path: Path, topics: dict[str, _Images], channel: str | None) -> tuple[_Images, _Images]:
+    """The topics of depth and of colours: of one device, if there are several."""
+    encodings = {topic: one.encoding for topic, one in topics.items()}
+    misfits = {topic: _MISFITS.get(encoding, 2) for topic, encoding in encodings.items()}
+    depth = choose(path, "depth", {topic: k for topic, k in misfits.items() if k < 2 or channel is None}, channel)
+    near = sorted(topics, key=lambda topic: topic.split("/")[:2] != depth.split("/")[:2])
+    forms = {topic: 2 if misfits[topic] < 2 else int(encodings[topic] == "mono8") for topic in near}
+    return topics[depth], topics[choose(path, "color", forms)]
 
 
 @contextmanager
@@ -124,6 +131,8 @@ def _images(reader: Any, connection: Any) -> _Images | None:
         return None
     encoding = getattr(last, "encoding", getattr(last, "format", "")).partition(";")[0]
     topic = connection.topic
+    if encoding == "png" and bytes(last.data[24:26]) == _GRAY_16:
+        encoding = "16UC1"
     frame = topic.removesuffix(_DATA) if topic.endswith(_DATA) else last.header.frame_id
     return _Images(topic, frame, encoding, stamps, at)
 
@@ -177,12 +186,13 @@ def _depth_at(path: Path, topic: str, at: int, kind: type[np.generic]) -> NDArra
 
 
 def _unpacked(path: Path, message: Any, kind: type[np.generic]) -> NDArray[np.float32]:
-    """Depth from ROS's compressedDepth: 12 bytes, then a PNG; for floats, its 16 bits hold a / depth + b."""
+    """Depth as PNG or TIFF, or from compressedDepth: 12 bytes, then a PNG; for floats, its bits hold a / depth + b."""
     data = bytes(message.data)
-    if data[12:16] != b"\x89PNG":
+    is_packed = data[12:16] == b"\x89PNG"
+    if not is_packed and ("compressedDepth" in message.format or kind != np.uint16):
         raise FileFormatError(f"{path}: expected depth as PNG, got {message.format or 'another format'}")
-    scale, least = struct.unpack_from("<4xff", data)
-    counts = image.decoded(data[12:]).astype(np.float32)
+    scale, least = struct.unpack_from("<4xff", data) if is_packed else (1.0, 0.0)
+    counts = image.decoded(data[12 if is_packed else 0 :]).astype(np.float32)
     known = np.where(counts > 0, counts, np.float32(np.nan))
     return known if kind == np.uint16 else np.float32(scale) / (known - np.float32(least))
 
