@@ -47,7 +47,7 @@ def choose(path: Path, kind: Literal["depth", "color"], misfits: Mapping[str, in
     ranks = {one: (misfits[one] > 1, {kind: 0, "": 1}.get(kind_of(one), 2), misfits[one]) for one in misfits}
     best = min(misfits, key=lambda one: ranks[one], default="")
     if not best or (len(misfits) > 1 and (misfits[best] > 1 or (kind == "depth" and ranks[best][1] > 1))):
-        raise FileFormatError(f"{path}: expected images of {kind}, got {names}; name one{remedy}")
+        raise FileFormatError(f"{path}: expected images of {kind}, got {names}{remedy and f'; name one{remedy}'}")
     others = [one for one in misfits if one != best and misfits[one] < 2]
     if others or (len(misfits) > 1 and sum(ranks[best][1:]) > 1):
         chosen = f"{best} is read as {kind}, not {', '.join(others) or 'one with such a name'}"

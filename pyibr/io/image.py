@@ -91,8 +91,8 @@ def _of_16_bits(picture: Any, data: bytes) -> NDArray[np.uint16] | None:
     """(H, W, 3 or 4), or None for 8 bits. Pillow keeps the upper byte, and in the other byte order the lower one."""
     from PIL import Image
 
-    kinds = [(tile.args,) if isinstance(tile.args, str) else tuple(tile.args) for tile in picture.tile]
-    if not kinds or not all(re.fullmatch(r"RGB\w?;16[BLN]", kind[0]) for kind in kinds):
+    kinds = [(tile.args,) if isinstance(tile.args, str) else (*(tile.args or ("",)),) for tile in picture.tile]
+    if not kinds or not all(re.fullmatch(r"RGB\w?;16[BLN]", str(kind[0])) for kind in kinds):
         if getattr(picture, "tag_v2", {}).get(_BITS, (8,))[0] > 8:
             raise ValueError("R, G, B of more than 8 bits are read if they are stored pixel by pixel")
         return None

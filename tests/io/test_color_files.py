@@ -162,3 +162,8 @@ def test_png_is_what_others_read(monkeypatch: pytest.MonkeyPatch, deflate, shape
     theirs = cv2.imdecode(np.frombuffer(image.encoded(pixels, ".png"), np.uint8), cv2.IMREAD_UNCHANGED)
     channels = [0] if len(shape) == 2 else [2, 1, 0, 3][: shape[2]]
     np.testing.assert_array_equal(theirs.reshape(*shape[:2], -1)[..., channels], pixels.reshape(*shape[:2], -1))
+
+
+def test_packed_textures_are_pictures(tmp_path: Path):
+    Image.fromarray(np.full((8, 8, 3), (255, 0, 0), np.uint8)).save(tmp_path / "c.dds", pixel_format="DXT1")
+    np.testing.assert_array_equal(ibr.read_color(tmp_path / "c.dds"), np.full((8, 8, 3), (255, 0, 0)))
