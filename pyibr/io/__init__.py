@@ -287,7 +287,7 @@ def read_depth(
     if stored.ndim != 2 or stored.dtype.kind not in "uif" or 0 in stored.shape:
         raise FileFormatError(f"{path}: expected depth of shape (H, W), got {describe(stored)}")
     values = depth_kinds.scaled(stored, depth_scale, depth_offset, path)
-    if depth_kind == "z":
+    if depth_kind == "z" and checked_path(path).suffix.lower() not in (".bin", ".dpt"):  # these hold no network's map
         depth_kinds.warn_of_relative(stored, path)
     return depth_kinds.planar(values, depth_kind, camera, path)
 
