@@ -4,12 +4,15 @@
 #include "lib/lanes.h"
 
 #ifndef LENS
-#define LENS 0 /* 0: none; 1: Brown-Conrady, also rational; 2: RealSense's variant; 3: Kannala-Brandt's fisheye */
+/* 0: none; 1: Brown-Conrady, also rational; 2: RealSense's variant; 3: Kannala-Brandt's fisheye; 4: OpenCV's model
+ * with a thin prism and a tilted sensor */
+#define LENS 0
 #endif
 
 typedef struct {
     float fx, skew, cx, fy, cy; /* entries of K */
-    float k[8];                 /* coefficients in the model's order, padded with 0 */
+    float k[14];                /* coefficients in the model's order, padded with 0 */
+    float tilt[9];              /* homography from an upright sensor to a tilted one, by rows */
     float reach;                /* greatest undistorted distance from the axis, at depth 1, in the field of view */
 } Lens;
 
@@ -33,13 +36,21 @@ INLINED intl through_lens(Lens lens, floatl *u, floatl *v)
     const floatl bottom = 1.0f + square * (lens.k[5] + square * (lens.k[6] + square * lens.k[7]));
     const floatl factor = top / bottom, p1 = lens.k[2], p2 = lens.k[3];
     floatl a = x * factor, b = y * factor;
-#if LENS == 1
+#if LENS == 1 || LENS == 4
     const floatl c = x, d = y;
 #else
     const floatl c = a, d = b;
 #endif
     a += 2.0f * p1 * c * d + p2 * (square + 2.0f * c * c);
     b += 2.0f * p2 * c * d + p1 * (square + 2.0f * d * d);
+#endif
+#if LENS == 4
+    a += square * (lens.k[8] + square * lens.k[9]);
+    b += square * (lens.k[10] + square * lens.k[11]);
+    const floatl w = lens.tilt[6] * a + lens.tilt[7] * b + lens.tilt[8];
+    const floatl upright = a;
+    a = (lens.tilt[0] * upright + lens.tilt[1] * b + lens.tilt[2]) / w;
+    b = (lens.tilt[3] * upright + lens.tilt[4] * b + lens.tilt[5]) / w;
 #endif
     *u = lens.fx * a + lens.skew * b + lens.cx;
     *v = lens.fy * b + lens.cy;

@@ -68,7 +68,7 @@ def telling(tell: Callable[[str], object]) -> Generator[None, None, None]:
         logger.setLevel(logging.INFO)
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = functools.partial(_tell_warning, tell)
+            warnings.showwarning = functools.partial(_tell_warning, functools.cache(tell))  # each once
             yield
     finally:
         logger.removeHandler(teller)

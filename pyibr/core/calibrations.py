@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from os import PathLike
@@ -19,7 +19,7 @@ import numpy as np
 
 from pyibr.core import conventions
 from pyibr.core.calibration_text import read_tree
-from pyibr.core.camera_json import camera_arguments, is_own
+from pyibr.core.camera_json import camera_arguments, is_open3d, is_own
 from pyibr.core.checks import Float64, checked_pose, checked_size, numbers
 from pyibr.core.conventions import Arguments
 from pyibr.core.errors import ArgumentError, FileFormatError
@@ -35,13 +35,36 @@ _PAIRS = ("image_size", "imageSize", "size", "resolution", "img_size")
 # OpenCV's users choose the names of K and the distortion, with a number or side for several cameras
 _WHICH = r"(\d|left|right|l|r|)"
 _MATRIX = re.compile(rf"(?:camera_?matrix|camera matrix|intrinsic_?matrix|intrinsics?|mtx|cam|k|m)_?{_WHICH}", re.I)
-_DISTORTION = r"(?:distortion_?coefficients|distortion_?coeffs?|dist_?coeffs?|distortion|dist|d)_?{}"
-_FISHEYES = ("equidistant", "fisheye", "kannala_brandt")
+_DISTORTION = re.compile(
+    r"(?:distortion_?(?:coefficients|coeffs?|coefs?|param(?:eter)?s)|dist_?(?:coefficients|coeffs?|coefs?|params)"
+    rf"|distortion|dist|kc|d)_?{_WHICH}",
+    re.I,
+)
+_SIDES = "depth|rgb|colou?r|ir|left|right|"
+_INTRINSIC = re.compile(rf"({_SIDES})_?intrinsics?", re.I)
+_MODEL = re.compile(r"(?:camera|distortion|projection)_?(?:model|type)(?:_?(?:type|name))?|model_?type", re.I)
+_NAME = re.compile(r"(?:lens_?)?(?:model|type)", re.I)  # of a lens's model, or of a product
+_FISHEYE = re.compile(r"(?:is_?)?fisheye(?:_?model)?", re.I)
+_LACKING = re.compile(r"f_?theta.*|lat_?long|equirect.*|ortho(?:graphic|photo)|omni.*|spherical|panorama.*", re.I)
+_LENS_OR_POSE = re.compile(  # keys of other programs; numbers, or lists and objects with numbers
+    r".*(?:distor|dist_?co|fisheye|prism|tangential|radial|skew|lens(?!_?pos)|mirror|vignett|poly_?par|affine_?par"
+    r"|extrinsic|rotation|translation|quaternion|orientation|(?<![rm])pose|transform|_from_|2world|2cam|w2c|c2w"
+    r"|to_?(?:world|cam|depth|colou?r|rgb|body|imu)).*|[krt]vecs?|qvec|rot|trans?|rt|[rt]_\w+|[rtd]|kc|coef\w*"
+    r"|(?:camera_?)?(?:position|location|origin|cent(?:er|re)_of_projection)|[kpsb]_?\d+|tau_?[xy12]?|xi|alpha|beta",
+    re.I,
+)
+_ASIDE = re.compile(  # of another sensor, another image, or the whole scene
+    r"imu.*|housing.*|.*rectif.*|applied_transform|orientation_override|extrinsic_parameters|[rt]vecs|inertial.*", re.I
+)
 _TEXTS = (".yaml", ".yml", ".xml", ".ini", ".txt", ".csv")  # these suffixes hold only calibrations
 _LISTED = 12  # largest number of names in a message
 _ODD_FORMS = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, RecursionError)  # damaged files
 _MILLIMETRES, _CENTIMETRES = 1000, 100  # per metre
-_OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "taux", "tauy")
+_OF_FISHEYE = ("k1", "k2", "k3", "k4")
+_OF_CAMODOCAL = {"fx": "mu", "fy": "mv", "cx": "u0", "cy": "v0", "k1": "k2", "k2": "k3", "k3": "k4", "k4": "k5"}
+_ROTATIONS, _SHIFTS = ("rot", "rotation", "rotationMatrix", "R"), ("trans", "tran", "transform", "translation", "T")
+_OAK_TYPES = ("perspective", "fisheye", "equirectangular", "radial_division")
 
 
 class _NoSizeError(ArgumentError):
@@ -81,14 +104,22 @@ def cameras_in(tree: object, path: str | PathLike[str], size: Size = None) -> Ca
 
     path: for messages. size: (width, height) of the pictures, for files that lack it.
     """
-    return {name: partial(_arranged, make) for name, make in _as_told(tree, path, size).items()}
+    found = _as_told(tree, path, size, unread := list[str]())
+    warn_of_unread(path, unread)
+    return {name: partial(_arranged, make) for name, make in found.items()}
+
+
+def warn_of_unread(path: str | PathLike[str], keys: Iterable[str]) -> None:
+    """Warn of the keys that `unread_in` yields."""
+    if names := listed(dict.fromkeys(keys)):
+        warnings.warn(f"{path}: not read, though it may be a lens or a pose: {names}", stacklevel=3)
 
 
 def points_up(path: str | PathLike[str]) -> bool:
     """Tell whether y points up in the frame of a file's cameras; separate pose files share that frame."""
     with suppress(FileFormatError, ArgumentError, *_ODD_FORMS):
         file, _, tree = read_calibration(path)
-        return any(_is_upward(make()["K"]) for make in _as_told(tree, file, (1, 1)).values())
+        return any(_is_upward(make()["K"]) for make in _as_told(tree, file, (1, 1), []).values())
     return False
 
 
@@ -96,31 +127,78 @@ def _is_upward(K: object) -> bool:
     return bool(numbers("K", K, (3, 3))[1, 1] < 0)
 
 
-def _as_told(tree: object, path: str | PathLike[str], size: Size) -> Cameras:
-    """The cameras of a tree as stored, possibly with y up."""
+def _as_told(tree: object, path: str | PathLike[str], size: Size, unread: list[str]) -> Cameras:
+    """The cameras of a tree as stored, possibly with y up; names of what is not read are added to `unread`."""
     if is_matrix(tree):
-        return {"": partial(_arguments, tree, size)}
-    found = _below(tree, path, size)
+        return {"": partial(_of_rows, cast("list[list[float]]", tree), size)}
+    found = _below(tree, path, size, unread, {})
+    if not found and isinstance(tree, dict):
+        _lens_kind(cast("dict[str, Any]", tree))
+        if extrinsics_in(cast("object", tree)) is not None:
+            raise FileFormatError(f"{path}: expected K, got a transform between two cameras; see --extrinsics")
     if not found and PurePath(path).suffix.lower() in _TEXTS:
         raise FileFormatError(f"{path}: no camera in it: expected K, or a calibration of a known program or device")
     return found or {"": partial(camera_arguments, tree, path)}
 
 
-def _below(tree: object, path: str | PathLike[str], size: Size) -> Cameras:
+def _below(tree: object, path: str | PathLike[str], size: Size, unread: list[str], above: _Tree) -> Cameras:
+    """The cameras in a part of a file. above: entries around it that name the model of the lens."""
     children: Iterable[tuple[object, object]] = ()
     if isinstance(tree, list):
         children = enumerate(cast("list[object]", tree))
     elif isinstance(tree, dict):
         known = cast("dict[str, Any]", tree)
-        if is_own(known):
+        if is_own(known) and not above:
+            unread += unread_in(known, "intrinsic_matrix|intrinsic|extrinsic") if is_open3d(known) else ()
             return {"": partial(camera_arguments, known, path)}
-        for kind in _KINDS:
-            if found := kind(known, size):
+        for find, keys in _KINDS:
+            if found := find({**above, **known}, size):
+                unread += unread_in(known, keys)
                 return found
         size = _size_in(known) or size
+        above = {**above, **{key: value for key, value in known.items() if re.fullmatch(_NAMES, key, re.I)}}
         children = known.items()
-    below = ((key, _below(value, path, size)) for key, value in children if not is_matrix(value))
-    return {f"{key}.{name}" if name else str(key): make for key, found in below for name, make in found.items()}
+    below = {
+        key: (value, {} if is_matrix(value) else _below(value, path, size, unread, above)) for key, value in children
+    }
+    found = {
+        f"{key}.{name}" if name else str(key): make for key, (_, one) in below.items() for name, make in one.items()
+    }
+    if found and isinstance(tree, dict):
+        unread += unread_in({str(key): value for key, (value, one) in below.items() if not one}, f"(?i:{_NAMES})")
+    return found
+
+
+def unread_in(tree: object, keys: str) -> Iterator[str]:
+    """Yield the keys beside a camera that look like a lens or a pose and say something, unless they match `keys`."""
+    if isinstance(tree, list):
+        for value in cast("list[object]", tree):
+            yield from unread_in(value, keys) if not isinstance(value, float) else ()
+    for key, value in cast("dict[str, object]", tree).items() if isinstance(tree, dict) else ():
+        if re.fullmatch(keys, key):
+            yield from unread_in(value, keys)
+        elif not _ASIDE.fullmatch(key):
+            is_name, kind = _MODEL.fullmatch(key) or _NAME.fullmatch(key), conventions.find_lens_kind(value)
+            is_told = kind in ("opencv", "none") or (kind and _NAME.fullmatch(key)) or key == "type"
+            if is_name and value and isinstance(value, str) and not is_told:
+                yield f"{key} {value}"
+            elif (_LENS_OR_POSE.fullmatch(key) or _LACKING.fullmatch(key)) and not _says_nothing(value):
+                yield key
+            else:
+                yield from unread_in(value, keys)
+
+
+def _says_nothing(value: object) -> bool:
+    """Tell whether the value is a word, empty, zero, or an identity."""
+    if isinstance(value, dict):
+        known = cast("dict[str, object]", value)
+        value = known.get("data", list(known.values()))
+    if not isinstance(value, list):
+        return not isinstance(value, (int, float)) or not value
+    with suppress(ValueError, TypeError):
+        flat = np.asarray(value, np.float64).ravel()
+        return not flat.any() or any(np.array_equal(flat, np.eye(k).ravel()) for k in (3, 4))
+    return all(map(_says_nothing, cast("list[object]", value)))
 
 
 def is_matrix(tree: object) -> bool:
@@ -164,9 +242,10 @@ def _arranged(make: Callable[[], Arguments]) -> Arguments:
         return made
     warnings.warn("fy < 0: y is mirrored, and so are the world and the poses of recordings", stacklevel=2)
     pose, lens = made.get("world_from_camera"), made.get("lens")
-    if lens is not None and lens.model != "kannala_brandt":  # p1 adds terms to y that are even in y
-        k1, k2, p1, *others = lens.coefficients
-        lens = Lens(lens.model, [k1, k2, -p1, *others], radius=lens.radius)
+    if lens is not None and lens.model != "kannala_brandt":  # of p1, a prism and a tilt, terms of y are even in y
+        values = np.array(lens.coefficients)
+        values[[place for place in (2, 10, 11, 12) if place < len(values)]] *= -1  # p1, s3, s4 and tx
+        lens = Lens(lens.model, values, radius=lens.radius)
     turned = conventions.mirrored(np.eye(4) if pose is None else checked_pose(pose))
     return {**made, "K": np.asarray(made["K"]) @ np.diag([1, -1, 1]), "world_from_camera": turned, "lens": lens}
 
@@ -204,17 +283,18 @@ def _size_in(tree: _Tree) -> Size:
     return _size_in(tree["image"]) if isinstance(tree.get("image"), dict) else None
 
 
-def _lone(tree: _Tree, _: Size) -> Cameras | None:
-    """RealSense's, Kalibr's or ROS's camera."""
-    if "ppx" in tree:
-        convert = conventions.camera_from_realsense
-    elif "camera_model" in tree and isinstance(tree.get("intrinsics"), list):
-        convert = conventions.camera_from_kalibr
-    elif "distortion_model" in tree and {"k", "K", "camera_matrix"} & tree.keys() and _size_in(tree) is not None:
-        convert = conventions.camera_from_ros
-    else:
-        return None
-    return {"": partial(convert, tree)}
+def _realsense(tree: _Tree, _: Size) -> Cameras | None:
+    return {"": partial(conventions.camera_from_realsense, tree)} if "ppx" in tree else None
+
+
+def _kalibr(tree: _Tree, _: Size) -> Cameras | None:
+    is_one = "camera_model" in tree and isinstance(tree.get("intrinsics"), list)
+    return {"": partial(conventions.camera_from_kalibr, tree)} if is_one else None
+
+
+def _ros(tree: _Tree, _: Size) -> Cameras | None:
+    is_one = "distortion_model" in tree and {"k", "K", "camera_matrix"} & tree.keys() and _size_in(tree) is not None
+    return {"": partial(conventions.camera_from_ros, tree)} if is_one else None
 
 
 def _azure_kinect(tree: _Tree, _: Size) -> Cameras | None:
@@ -228,16 +308,21 @@ def _azure_kinect(tree: _Tree, _: Size) -> Cameras | None:
 def _opencv(tree: _Tree, size: Size) -> Cameras | None:
     """Matrices of OpenCV's FileStorage, or plain numbers; several cameras have a number or side in their names."""
     own = _size_in(tree) or size
-    found: Cameras = {}
+    matrices: dict[str, Any] = {}
     for key, value in tree.items():
         which = _MATRIX.fullmatch(key)
-        data = _data_of(value)
-        if which is None or not _is_square(data):
-            continue
-        named = re.compile(_DISTORTION.format(which[1]), re.I)
-        bent = next((tree[name] for name in tree if named.fullmatch(name)), None)
-        found[which[1]] = partial(_of_opencv, data, bent, _is_fisheye(tree), own)
-    return found
+        if which is not None and _is_square(data := _data_of(value)):
+            matrices[which[1]] = data
+    bent = _distortions(tree)
+    strays = [key for key, which in bent.items() if which not in map(str.lower, matrices)]
+    own_of = {which: [key for key in bent if bent[key] == which.lower()] for which in matrices}
+    return {which: partial(_with_lens, data, tree, own_of[which], own, strays) for which, data in matrices.items()}
+
+
+def _distortions(tree: _Tree) -> dict[str, str]:
+    """Keys of lists or objects of coefficients, and the number or side in each."""
+    found = {key: which[1].lower() for key in tree if (which := _DISTORTION.fullmatch(key))}
+    return {key: which for key, which in found.items() if isinstance(tree[key], (list, dict)) and tree[key]}
 
 
 def _is_square(data: object) -> bool:
@@ -246,58 +331,135 @@ def _is_square(data: object) -> bool:
     return is_matrix(rows) and sum(map(len, cast("list[list[float]]", rows))) in (9, 16)
 
 
-def _is_fisheye(tree: _Tree) -> bool:
-    model = str(tree.get("distortion_model", tree.get("camera_model", ""))).lower()
-    return bool(tree.get("fisheye_model") or tree.get("fisheye")) or any(name in model for name in _FISHEYES)
-
-
 def _data_of(matrix: object) -> Any:
     """The numbers of OpenCV's matrix, or of a plain one."""
     return cast("dict[str, Any]", matrix).get("data") if isinstance(matrix, dict) else matrix
 
 
-def _of_opencv(K: object, distortion: Any, fisheye: bool, size: Size) -> Arguments:
-    values = _data_of(distortion)
-    coefficients = np.ravel(np.asarray([] if values is None else values, np.float64))
-    return _arguments(K, size, Lens.from_opencv(coefficients, fisheye=fisheye) if coefficients.size else None)
+def _with_lens(K: object, tree: _Tree, keys: Sequence[str], size: Size, strays: Sequence[str] = ()) -> Arguments:
+    """A camera with the lens whose coefficients stand at a key, or beside K by name. strays: keys of no camera."""
+    if len(keys) > 1 or strays:
+        raise ArgumentError("distortion", "one for each K, with a name like K's", listed([*keys, *strays]))
+    return _arguments(K, size, _lens_in(tree, tree[keys[0]] if keys else None))
 
 
 def _plain(tree: _Tree, size: Size) -> Cameras | None:
-    """Camera from fx, fy, cx and cy, with OpenCV's coefficients by name."""
-    return {"": partial(_of_numbers, tree, _size_in(tree) or size)} if {"fx", "cx"} <= tree.keys() else None
+    """Camera from fx, fy, cx and cy, with OpenCV's coefficients by name or in a list."""
+    return {"": partial(_of_numbers, tree, size)} if {"fx", "cx"} <= tree.keys() else None
 
 
-def _of_numbers(tree: _Tree, size: Size, distortion: _Tree | None = None, pose: Float64 | None = None) -> Arguments:
+def _of_numbers(tree: _Tree, size: Size, bent: Sequence[str] = (), strays: Sequence[str] = ()) -> Arguments:
+    _lens_kind(tree)  # a lens that pyibr lacks may have other numbers, too
     intrinsics = numbers("fx, fy, cx, cy", [tree.get(key) for key in ("fx", "fy", "cx", "cy")], (4,))
-    return _arguments(intrinsics, size, _lens_of(distortion or tree), pose)
+    return _with_lens(intrinsics, tree, list({*bent, *_distortions(tree)}), _size_in(tree) or size, strays)
 
 
-def _lens_of(tree: _Tree, fisheye: bool = False) -> Lens:
-    names = ("k1", "k2", "k3", "k4") if fisheye else _OPENCV_ORDER
-    return Lens.from_opencv([float(tree.get(name) or 0) for name in names], fisheye=fisheye)
+def _camodocal(tree: _Tree, size: Size) -> Cameras | None:
+    """Camera of camodocal and the VINS programs; a fisheye's coefficients of theta^3 to theta^9 are named k2 to k5."""
+    inside = tree.get("projection_parameters")
+    if not isinstance(inside, dict):
+        return None
+    own = cast("dict[str, Any]", inside)
+    fisheye = {ours: own[theirs] for ours, theirs in _OF_CAMODOCAL.items() if theirs in own} if "mu" in own else own
+    return {"": partial(_of_numbers, {**tree, **fisheye}, size)}
 
 
-def _orbbec(tree: _Tree, _: Size) -> Cameras | None:
-    """Camera parameters of the SDK, from its viewer (INI) or as its structs (JSON); millimetres."""
-    words = [key[: -len("Intrinsic")] for key, value in tree.items() if key.endswith("Intrinsic") and "fx" in value]
-    moved = tree.get("D2CTransformParam", tree.get("transform"))
+def _of_rows(rows: list[list[float]], size: Size) -> Arguments:
+    """K as rows, maybe with a row of distortion; or a row: fx fy cx cy [distortion], or ARKit's w h fx fy cx cy."""
+    values = [number for row in rows for number in row]
+    count = 9 if [len(row) for row in rows[:3]] == [3, 3, 3] and len(rows) == 4 else len(values)
+    if len(rows) == 1 and len(values) > 4 and values[1] > values[0] / 2:  # fy, where K has the skew
+        width, height, *others = values
+        if len(values) == 6 and abs(values[4] / width - 0.5) < 0.25 and abs(values[5] / height - 0.5) < 0.25:
+            return _arguments(others, checked_size((int(width), int(height))))
+        count = 4
+    return _arguments(values[:count], size, conventions.lens_of_kind("opencv", values[count:]))
 
-    def made(word: str) -> Arguments:
-        inside = tree[f"{word}Intrinsic"]
-        pose = None if moved is None or word.lower().startswith("depth") else _moved_by_orbbec(moved)
-        return _of_numbers(inside, _size_in(inside), tree.get(f"{word}Distortion") or {"k1": 0}, pose)
 
-    return {word: partial(made, word) for word in words}
+def _lens_in(tree: _Tree, coefficients: object = None) -> Lens | None:
+    """The lens beside K by its model's name: of these coefficients, or of the mapping's own by name."""
+    kind, own = _lens_kind(tree), _by_name(tree)
+    if coefficients is not None and any(own.values()):
+        raise ArgumentError("distortion", "coefficients in a list or by name", "both")
+    listed = _data_of(coefficients)
+    if listed is not None:
+        return conventions.lens_of_kind(kind, listed)
+    own = own if coefficients is None else _by_name(cast("dict[str, Any]", coefficients))
+    order = _OF_FISHEYE if kind == "kannala_brandt" else _COEFFICIENTS[: 14 if kind == "opencv" else 5]
+    if beyond := [name for name in own if name not in order and own[name]]:
+        raise ArgumentError("distortion", f"a lens of {', '.join(order)}", ", ".join(beyond))
+    return conventions.lens_of_kind(kind, [own.get(name, 0.0) for name in order])
 
 
-def _moved_by_orbbec(entries: _Tree) -> Float64:
-    """Pose of the colour camera in the depth camera's frame."""
-    rotation, translation = (
-        entries[name] if name in entries else [entries[f"{name}{k}"] for k in range(count)]
-        for name, count in (("rot", 9), ("trans", 3))
-    )
-    R = numbers("rot", np.ravel(rotation), (9,)).reshape(3, 3)
-    return conventions.pose_from_extrinsics(R, numbers("trans", np.ravel(translation), (3,)) / _MILLIMETRES)
+def _by_name(tree: _Tree) -> dict[str, float]:
+    """Coefficients of a lens by their names in OpenCV's formulas."""
+    named = {key.lower().replace("_", ""): value for key, value in tree.items() if isinstance(value, (int, float))}
+    return {name: float(value) for name, value in named.items() if re.fullmatch(r"[kps]\d+|tau[xy]", name)}
+
+
+def _lens_kind(tree: _Tree) -> str:
+    """The kind of lens that a mapping names, OpenCV's if it names none; ArgumentError for a lens that pyibr lacks."""
+    kinds = list[str]()
+    for key, value in tree.items():
+        if not isinstance(value, (str, int, float)) or not value:
+            continue
+        if (
+            _MODEL.fullmatch(key)
+            or key.lower() == "distortion"
+            or (_NAME.fullmatch(key) and conventions.find_lens_kind(value))
+        ):
+            kinds.append(conventions.lens_kind(key, value))
+        elif _FISHEYE.fullmatch(key):
+            kinds.append("kannala_brandt")
+        elif _LACKING.fullmatch(key):
+            conventions.lens_kind("lens", key)
+    return next((kind for kind in kinds if kind != "opencv"), "opencv")
+
+
+def _orbbec(tree: _Tree, size: Size) -> Cameras | None:
+    """Camera parameters of Orbbec's SDK, from its viewer (INI) or as its structs (JSON); objects with such names."""
+    words = {key: which[1] for key in tree if (which := _INTRINSIC.fullmatch(key)) and isinstance(tree[key], dict)}
+    words = {key: word for key, word in words.items() if "fx" in tree[key] and "ppx" not in tree[key]}
+    found: Cameras = {}
+    for key, word in words.items():
+        bent = [name for name in tree if re.fullmatch(rf"{word}_?(?:{_DISTORTION.pattern})", name, re.I)]
+        strays = [name for name in _distortions(tree) if name not in bent]
+        around = {name: value for name, value in tree.items() if not isinstance(value, (dict, list))}
+        moved = None if word.lower() == "depth" else tree.get("D2CTransformParam", tree.get("transform"))
+        known = {**around, **tree[key], **{name: tree[name] for name in bent}}
+        found[key.removesuffix("Intrinsic")] = partial(_of_orbbec, known, bent, size, moved, strays)
+    return found
+
+
+def _of_orbbec(tree: dict[str, Any], bent: list[str], size: Size, moved: object, strays: list[str]) -> Arguments:
+    """A camera, posed by the transform from the depth camera's frame to its own."""
+    for model in [tree[key]["model"] for key in bent if isinstance(tree[key], dict) and "model" in tree[key]]:
+        tree = {**tree, "distortion_model": conventions.ORBBEC_MODELS[model] if isinstance(model, int) else model}
+    made, pose = _of_numbers(tree, size, bent, strays), extrinsics_in(moved)
+    if moved is not None and pose is None:
+        raise ArgumentError("transform", "rot and trans, as of Orbbec's SDK", type(moved).__name__)
+    return made if pose is None else {**made, "world_from_camera": np.linalg.inv(pose)}
+
+
+def extrinsics_in(tree: object) -> Float64 | None:
+    """Return the (4, 4) transform from one camera to another in an object of Orbbec, RealSense or OpenCV, in metres.
+
+    None if the tree is no such object. Orbbec's rotations are rows, its units millimetres; RealSense's rotations are
+    nine numbers by columns.
+    """
+    entries = cast("dict[str, Any]", tree) if isinstance(tree, dict) else {}
+    for name, count in (("rot", 9), ("trans", 3)):
+        if f"{name}0" in entries:
+            entries = {**entries, name: [entries[f"{name}{k}"] for k in range(count)]}
+    turn, shift = (next((name for name in names if name in entries), None) for names in (_ROTATIONS, _SHIFTS))
+    if turn is None or shift is None or "fx" in entries or any(map(_MATRIX.fullmatch, entries)):
+        return None
+    made, is_orbbec = np.eye(4), shift in ("trans", "transform")
+    R = numbers(turn, np.ravel(_data_of(entries[turn])), (9,)).reshape(3, 3)
+    is_by_columns = not is_orbbec and isinstance(entries[turn], list) and not is_matrix(entries[turn])
+    made[:3, :3] = R.T if is_by_columns else R
+    made[:3, 3] = numbers(shift, np.ravel(_data_of(entries[shift])), (3,)) / (_MILLIMETRES if is_orbbec else 1)
+    return checked_pose(made, "extrinsics")
 
 
 def _oak(tree: _Tree, _: Size) -> Cameras | None:
@@ -318,8 +480,9 @@ def _oak(tree: _Tree, _: Size) -> Cameras | None:
 
     def made(socket: int) -> Arguments:
         data = sockets[socket]
-        values, fisheye = data["distortionCoeff"], data.get("cameraType") == 1
-        lens = Lens.from_opencv(values[:4] if fisheye else values, fisheye=fisheye) if values else None
+        values = data["distortionCoeff"]
+        kind = conventions.lens_kind("cameraType", _OAK_TYPES[data.get("cameraType", 0)])
+        lens = conventions.lens_of_kind(kind, values[:4] if kind == "kannala_brandt" else values)
         return _arguments(data["intrinsicMatrix"], _size_in(data), lens, pose(socket, (socket,)))
 
     return {f"CAM_{chr(ord('A') + socket)}": partial(made, socket) for socket in sockets}
@@ -340,28 +503,43 @@ def _frames(tree: _Tree, size: Size) -> Cameras | None:
 
 
 def _of_frame(tree: _Tree, size: Size) -> Arguments:
-    size = _size_in(tree) or size
+    size, kind = _size_in(tree) or size, _lens_kind(tree)
     if size is None:
         raise _NoSizeError("size", "the images' size", "none")
     focal = [tree.get("fl_x"), tree.get("fl_y", tree.get("fl_x"))]
     if focal[0] is None:
-        angle = tree.get("camera_angle_x")
-        across = size[0] / 2 / np.tan(numbers("camera_angle_x", angle, ()) / 2)
-        focal = [across, across]
+        seen = [(side, tree.get(f"camera_angle_{axis}")) for axis, side in zip("xy", size, strict=True)]
+        pairs = seen if seen[1][1] else seen[:1] * 2  # one angle: square pixels
+        focal = [side / 2 / np.tan(numbers("camera_angle_x, camera_angle_y", angle, ()) / 2) for side, angle in pairs]
     fx, fy = numbers("fl_x, fl_y", focal, (2,))
     center = [float(tree.get(key, side / 2)) - 0.5 for key, side in (("cx", size[0]), ("cy", size[1]))]
     pose = numbers("transform_matrix", tree["transform_matrix"], (None, 4))
     pose = np.vstack([pose[:3], (0, 0, 0, 1)]) @ conventions.CV_FROM_GL
     K = np.array([[fx, 0, center[0]], [0, fy, center[1]], [0, 0, 1]])
-    return {"K": K, "size": size, "lens": _lens_of(tree, _is_fisheye(tree)), "world_from_camera": pose}
+    is_rational = tree.get("camera_model") == "FULL_OPENCV" or tree.get("k5") or tree.get("k6")
+    if tree.get("k4") and kind == "opencv" and not is_rational:
+        raise ArgumentError("k4", "0, as no lens of pyibr has nerfstudio's k4 of r^8", str(tree["k4"]))
+    return {"K": K, "size": size, "lens": _lens_in(tree), "world_from_camera": pose}
 
 
-_KINDS: tuple[Callable[[_Tree, Size], Cameras | None], ...] = (
-    _azure_kinect,
-    _oak,
-    _orbbec,
-    _frames,
-    _lone,
-    _opencv,
-    _plain,
+_NAMES = f"{_MODEL.pattern}|{_FISHEYE.pattern}|{_LACKING.pattern}"
+_PLAIN_KEYS = rf"(?i:{_DISTORTION.pattern}|{_NAMES}|[kps]_?\d+|tau_?[xy])"
+_AZURE_KEYS = "CalibrationInformation|Cameras|Location|Intrinsics|Model.*|Rt|Rotation|Translation"
+_OAK_KEYS = "cameraData|cameraType|distortionCoeff|extrinsics|rotationMatrix|.*CameraSocket|translation|specTranslation"
+_ORBBEC_KEYS = (
+    rf"(?i:(?:{_SIDES})_?(?:intrinsics?|{_DISTORTION.pattern}))|D2CTransformParam|transform|rot\d?|trans\d?|model"
 )
+_KALIBR_KEYS = "camera_model|distortion_model|distortion_coeffs|distortion_coefficients"
+_KINDS: tuple[tuple[Callable[[_Tree, Size], Cameras | None], str], ...] = (
+    (_azure_kinect, _AZURE_KEYS),
+    (_oak, _OAK_KEYS),
+    (_frames, rf"frames|transform_matrix|(?i:{_NAMES})|[kps]\d+"),
+    (_camodocal, f"projection_parameters|{_PLAIN_KEYS}"),
+    (_orbbec, f"{_ORBBEC_KEYS}|{_PLAIN_KEYS}"),
+    (_realsense, "model|coeffs"),
+    (_kalibr, _KALIBR_KEYS),
+    (_ros, "distortion_model|[kKdDrRpP]|distortion_coefficients"),
+    (_opencv, rf"{_PLAIN_KEYS}|(?i:{_MATRIX.pattern}|[rp]\d)"),
+    (_plain, _PLAIN_KEYS),
+)
+"""In the order in which they are tried, with the keys that each reads, or that belong to other images."""

@@ -37,7 +37,7 @@ def read_json(path: str | PathLike[str], kind: str) -> object:
 
 def is_own(entries: dict[str, Any]) -> bool:
     """Tell whether a JSON object has the form of `Camera.save` or Open3D, valid or not."""
-    if _is_open3d(entries):
+    if is_open3d(entries):
         return True
     is_whole = {"width", "height"} <= entries.keys() and not entries.keys().isdisjoint(("K", *_PARTS))
     return is_whole and entries.keys().isdisjoint(_FOREIGN)
@@ -48,7 +48,7 @@ def camera_arguments(data: object, path: str | PathLike[str]) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise FileFormatError(f"{path}: expected a JSON object, got {type(data).__name__}")
     entries = cast("dict[str, Any]", data)
-    if _is_open3d(entries):
+    if is_open3d(entries):
         mixed = sorted(entries.keys() & set(_KEYS[2:]))
         if mixed:
             raise FileFormatError(f"{path}: has {mixed[0]!r}, which Open3D's cameras lack")
@@ -90,7 +90,7 @@ def _check_keys(entries: dict[str, Any], known: Sequence[str], needed: Sequence[
         raise FileFormatError(f"{place} has no {', '.join(missing)}")
 
 
-def _is_open3d(entries: dict[str, Any]) -> bool:
+def is_open3d(entries: dict[str, Any]) -> bool:
     """Tell whether a JSON object is a camera file of Open3D's."""
     return not entries.keys().isdisjoint((_MATRIX, _INTRINSIC, "class_name"))
 

@@ -6,6 +6,7 @@ vectors. Each function here converts from one other convention to this one, or b
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -35,13 +36,25 @@ COLMAP_MODELS: Mapping[str, tuple[int, int]] = {
     "SIMPLE_RADIAL_FISHEYE": (3, 1),
     "RADIAL_FISHEYE": (3, 2),
     "THIN_PRISM_FISHEYE": (4, 8),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (4, 12),
 }
 """Parameters before the distortion, and coefficients of it (k1 k2 p1 p2 k3 ...), in the order of COLMAP's numbers."""
-_COLMAP_UNSUPPORTED = ("FOV", "THIN_PRISM_FISHEYE")
+_COLMAP_UNSUPPORTED = ("FOV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
 
-_ROS_MODELS = ("plumb_bob", "rational_polynomial", "equidistant")
-_KALIBR_MODELS = ("radtan", "equidistant", "none")
-# RealSense's names, in the order of its numbers; None: not supported
+# Other programs' names of lens models, by pyibr's; "none": no lens; "opencv": the number of coefficients chooses one
+_LENS_NAMES = {
+    "none": "none no no_distortion rectified",
+    "opencv": "pinhole perspective simple_pinhole opencv radtan radial_tangential plumb_bob brown brown_conrady "
+    "rational rational_polynomial brown_conrady_k6 full_opencv simple_radial radial pinhole_full pinhole_radtan8",
+    "kannala_brandt": "fisheye equidistant equi opencv_fisheye kannala_brandt kannala_brandt4 kb4 "
+    "simple_radial_fisheye radial_fisheye",
+    "modified_brown_conrady": "modified_brown_conrady",
+    "inverse_brown_conrady": "inverse_brown_conrady",
+}
+_LENS_KINDS = {name: kind for kind, names in _LENS_NAMES.items() for name in names.split()}
+_OF_ROS = "a distortion_model of plumb_bob, rational_polynomial, equidistant"
+_OF_KALIBR = "a distortion_model of radtan, equidistant, none"
+# RealSense's names, in the order of its numbers, and their lenses; None: not supported
 _REALSENSE_MODELS: Mapping[str, LensModel | None] = {
     "none": "brown_conrady",  # its coefficients are zeros
     "modified_brown_conrady": "modified_brown_conrady",
@@ -50,6 +63,8 @@ _REALSENSE_MODELS: Mapping[str, LensModel | None] = {
     "brown_conrady": "brown_conrady",
     "kannala_brandt4": "kannala_brandt",
 }
+ORBBEC_MODELS = ("none", "modified_brown_conrady", "inverse_brown_conrady", "brown_conrady", "rational", "kb4")
+"""Lens models of Orbbec's SDK, in the order of its numbers."""
 
 # Azure Kinect, by mode: side of the square that the depth sensor forms, offset of the image in the square, image size
 _KINECT_DEPTH: Mapping[str, tuple[int, tuple[int, int], tuple[int, int]]] = {
@@ -120,9 +135,37 @@ def colmap_from_intrinsics(K: Float64, lens: Lens | None) -> tuple[str, Float64]
     values = lens.to_opencv()
     if lens.model == "kannala_brandt":
         return "OPENCV_FISHEYE", np.array([*linear, *values])
+    if lens.model == "tilted":
+        raise ArgumentError("lens", "a lens that COLMAP supports: no thin prism and no tilted sensor", str(lens))
     if not values[4:].any():
         return "OPENCV", np.array([*linear, *values[:4]])
     return "FULL_OPENCV", np.array([*linear, *values, *[0.0] * (8 - len(values))])
+
+
+def find_lens_kind(name: object) -> str | None:
+    """Return the kind in `_LENS_NAMES` of a lens model's name in another program; None if pyibr lacks it."""
+    word = re.sub(r"[^a-z0-9]+", "_", str(name).lower()).strip("_")
+    return _LENS_KINDS.get(re.sub("^(rs2_)?distortion_", "", word))
+
+
+def lens_kind(argument: str, name: object, known: str = "a lens that pyibr has") -> str:
+    """Return the kind as `find_lens_kind` does; ArgumentError if pyibr lacks it."""
+    kind = find_lens_kind(name)
+    if kind is None:
+        raise ArgumentError(argument, known, repr(name))
+    return kind
+
+
+def lens_of_kind(kind: str, coefficients: object) -> Lens | None:
+    """Make a lens of a kind from coefficients in its order; none means zeros. OpenCV's may number 1 or 2, too."""
+    values = numbers("distortion", np.ravel(np.asarray(coefficients)), (None,))
+    if kind == "none":
+        return None
+    if kind != "opencv":
+        values = values if values.size else np.zeros(4)
+        is_longer = kind == "kannala_brandt" and len(values) == 5 and values[4] == 0  # RealSense's
+        return Lens(cast("LensModel", kind), values[:4] if is_longer else values)
+    return Lens.from_opencv([*values, *[0.0] * (4 - len(values))] if len(values) < 3 else values)
 
 
 def camera_from_ros(info: object) -> Arguments:
@@ -133,27 +176,20 @@ def camera_from_ros(info: object) -> Arguments:
     region = _part(info, "info", "roi", default={})
     if any(int(_part(region, "info", name, default=0)) for name in ("x_offset", "y_offset")):
         raise ArgumentError("info", "an image that is not cropped", "a region of interest")
-    model = str(_part(info, "info", "distortion_model"))
-    of_realsense = _REALSENSE_MODELS.get(model.lower().replace(" ", "_"))  # as RealSense's recorder names them
-    if model not in ("", *_ROS_MODELS) and of_realsense is None:  # drivers of rectified cameras leave the name empty
-        raise ArgumentError("info", f"a distortion_model of {', '.join(_ROS_MODELS)}", repr(model))
+    # drivers of rectified cameras leave the name empty; RealSense's recorder writes its own names
+    kind = lens_kind("info", _part(info, "info", "distortion_model") or "plumb_bob", _OF_ROS)
     matrix = _part(info, "info", "k", "K", "camera_matrix")
     values = _part(info, "info", "d", "D", "distortion_coefficients", default=[])
     matrix, values = (_part(each, "info", "data", default=each) for each in (matrix, values))  # files wrap them
     K = numbers("info", np.ravel(np.asarray(matrix)), (9,)).reshape(3, 3)
     size = int(_part(info, "info", "width", "image_width")), int(_part(info, "info", "height", "image_height"))
-    coefficients = np.ravel(np.asarray(values))  # an empty list means zeros
-    if of_realsense is not None and coefficients.size:
-        lens = Lens(of_realsense, coefficients[:4] if of_realsense == "kannala_brandt" else coefficients)
-    else:
-        lens = Lens.from_opencv(coefficients if coefficients.size else np.zeros(4), fisheye=model == "equidistant")
-    return {"K": K, "size": size, "lens": lens}
+    return {"K": K, "size": size, "lens": lens_of_kind(kind, values)}
 
 
 def ros_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> dict[str, Any]:
     """Return the fields of a ROS `CameraInfo` for the raw image."""
     values = np.zeros(5) if lens is None else lens.to_opencv()
-    model = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}[len(values)]
+    model = {4: "equidistant", 5: "plumb_bob"}.get(len(values), "rational_polynomial")
     width, height = size
     return {"width": width, "height": height, "distortion_model": model, "d": values.tolist(), "k": K.ravel().tolist()}
 
@@ -201,16 +237,14 @@ def realsense_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) 
 def camera_from_kalibr(camera: object) -> Arguments:
     """Return one camera of Kalibr's `camchain.yaml`."""
     name = "camera"
-    kind, model = str(_part(camera, name, "camera_model")), str(_part(camera, name, "distortion_model"))
-    if kind != "pinhole":
-        raise ArgumentError(name, "a camera_model of pinhole", repr(kind))
-    if model not in _KALIBR_MODELS:
-        raise ArgumentError(name, f"a distortion_model of {', '.join(_KALIBR_MODELS)}", repr(model))
+    model = str(_part(camera, name, "camera_model"))
+    if model != "pinhole":
+        raise ArgumentError(name, "a camera_model of pinhole", repr(model))
+    kind = lens_kind(name, _part(camera, name, "distortion_model"), _OF_KALIBR)
     fx, fy, cx, cy = numbers("intrinsics", _part(camera, name, "intrinsics"), (4,)).tolist()
     size = tuple(int(side) for side in _part(camera, name, "resolution"))
-    values = np.zeros(4) if model == "none" else _part(camera, name, "distortion_coeffs")
-    lens = Lens.from_opencv(values, fisheye=model == "equidistant")
-    return {"K": _matrix(fx, fy, cx, cy), "size": size, "lens": lens}
+    values: Any = [] if kind == "none" else _part(camera, name, "distortion_coeffs", "distortion_coefficients")
+    return {"K": _matrix(fx, fy, cx, cy), "size": size, "lens": lens_of_kind(kind, values)}
 
 
 def kalibr_from_camera(K: Float64, size: tuple[int, int], lens: Lens | None) -> dict[str, Any]:

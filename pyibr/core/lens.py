@@ -19,12 +19,15 @@ from numpy.typing import ArrayLike
 from pyibr.core.checks import Float64, checked_bool, numbers, one_of, positive_or_infinite
 from pyibr.core.errors import ArgumentError
 
-LensModel = Literal["brown_conrady", "rational", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"]
+LensModel = Literal[
+    "brown_conrady", "rational", "tilted", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt"
+]
 
 _COEFFICIENT_MAX = 1e50  # coefficients below 1e-50 become 0: products of a few then fit into double precision
 _COEFFICIENT_COUNTS: dict[str, tuple[int, ...]] = {
     "brown_conrady": (4, 5),
     "rational": (8,),
+    "tilted": (12, 14),
     "inverse_brown_conrady": (4, 5),
     "modified_brown_conrady": (4, 5),
     "kannala_brandt": (4,),
@@ -46,6 +49,7 @@ class Lens:
     model : str
         - "brown_conrady": k1 k2 p1 p2 [k3] of OpenCV, ROS's `plumb_bob` and Kalibr's `radtan`.
         - "rational": k1 k2 p1 p2 k3 k4 k5 k6 of OpenCV and ROS's `rational_polynomial`.
+        - "tilted": the same, s1 s2 s3 s4 of a thin prism and [tx ty] in radians of a tilted sensor; OpenCV, DepthAI.
         - "modified_brown_conrady": k1 k2 p1 p2 [k3] of RealSense; the tangential part is applied after the radial part.
         - "inverse_brown_conrady": k1 k2 p1 p2 [k3] of RealSense. As in RealSense's library, it is computed like the
           modified model in both directions.
@@ -106,21 +110,20 @@ class Lens:
         Raises
         ------
         ArgumentError
-            If their number is wrong, or they describe a thin prism or a tilted sensor (not 0 from the ninth on).
+            If their number is wrong.
         """
         values = numbers("distortion", distortion, None).ravel()
         if len(values) not in ((4,) if fisheye else (4, 5, 8, 12, 14)):
             expected = "4 numbers of a fisheye" if fisheye else "4, 5, 8, 12 or 14 numbers"
             raise ArgumentError("distortion", expected, str(len(values)))
-        if values[8:].any():
-            expected = "no thin prism and no tilted sensor (0 from the ninth number on)"
-            raise ArgumentError("distortion", expected, str(values[8:].tolist()))
         if checked_bool("fisheye", fisheye):
             return cls("kannala_brandt", values)
+        if values[8:].any():
+            return cls("tilted", values)
         return cls("rational", values[:8]) if values[5:].any() else cls("brown_conrady", values[:5])
 
     def to_opencv(self) -> Float64:
-        """Return `distCoeffs` of OpenCV (5 or 8 numbers), or of `cv2.fisheye` (4) for "kannala_brandt".
+        """Return `distCoeffs` of OpenCV (5, 8 or 14 numbers), or of `cv2.fisheye` (4) for "kannala_brandt".
 
         Raises
         ------
@@ -160,7 +163,7 @@ class Lens:
     @property
     def _fraction(self) -> tuple[Float64, Float64]:
         """Coefficients of the radial factor's two polynomials in the squared distance from the axis."""
-        k1, k2, _, _, k3, *below = self.coefficients
+        k1, k2, _, _, k3, *below = self.coefficients[:8]
         return np.array([1.0, k1, k2, k3]), np.array([1.0, *below])
 
     def _factor(self, square: Float64) -> tuple[Float64, Float64]:
@@ -191,7 +194,7 @@ class Lens:
             return np.stack([x * factor, y * factor], 1), np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
         p1, p2 = self.coefficients[2:4]
         u, v = x * factor, y * factor
-        if self.model in ("brown_conrady", "rational"):  # tangential part at the ideal position
+        if self.model in ("brown_conrady", "rational", "tilted"):  # tangential part at the ideal position
             du = xx + 2 * p1 * y + 6 * p2 * x, xy + 2 * p1 * x + 2 * p2 * y
             dv = xy + 2 * p2 * y + 2 * p1 * x, yy + 2 * p2 * x + 6 * p1 * y
             a, b = x, y
@@ -202,6 +205,11 @@ class Lens:
             a, b = u, v
         moved_x = u + 2 * p1 * a * b + p2 * (square + 2 * a * a)
         moved_y = v + 2 * p2 * a * b + p1 * (square + 2 * b * b)
+        if self.model == "tilted":  # a thin prism
+            s1, s2, s3, s4 = self.coefficients[8:12]
+            moved_x, moved_y = moved_x + square * (s1 + s2 * square), moved_y + square * (s3 + s4 * square)
+            steep_x, steep_y = 2 * (s1 + 2 * s2 * square), 2 * (s3 + 2 * s4 * square)
+            du, dv = (du[0] + steep_x * x, du[1] + steep_x * y), (dv[0] + steep_y * x, dv[1] + steep_y * y)
         return np.stack([moved_x, moved_y], 1), np.array([du, dv]).transpose(2, 0, 1)
 
     def _sees(self, points: Float64, slopes: Float64) -> Float64:
@@ -211,10 +219,28 @@ class Lens:
 
     def _distorted(self, points: Float64) -> Float64:
         distorted, slopes = self._map(points)
-        return np.where(self._sees(points, slopes), distorted, np.nan)
+        return np.where(self._sees(points, slopes), self._on_sensor(distorted), np.nan)
+
+    def _on_sensor(self, points: Float64, back: bool = False) -> Float64:
+        """Positions on a tilted sensor of positions (n, 2) on an upright one; `back`: the inverse."""
+        if self.model != "tilted":
+            return points
+        matrix = np.linalg.inv(self.tilt) if back else self.tilt
+        moved = points @ matrix[:, :2].T + matrix[:, 2]
+        return moved[:, :2] / np.where(moved[:, 2:] > 0, moved[:, 2:], np.nan)
+
+    @property
+    def tilt(self) -> Float64:
+        """(3, 3) homography from an upright sensor to a tilted one, as in OpenCV; the identity for other models."""
+        tx, ty = self.coefficients[12:] or (0.0, 0.0)
+        about_x = np.array([[1, 0, 0], [0, math.cos(tx), math.sin(tx)], [0, -math.sin(tx), math.cos(tx)]])
+        about_y = np.array([[math.cos(ty), 0, -math.sin(ty)], [0, 1, 0], [math.sin(ty), 0, math.cos(ty)]])
+        R = about_y @ about_x
+        return np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]]) @ R
 
     def _undistorted(self, points: Float64) -> Float64:
         """Newton's method, started at the inverse of the radial part."""
+        points = self._on_sensor(points, back=True)
         away = np.hypot(*points.T)
         ideal, distorted = self._radii
         start = np.asarray(np.interp(away, distorted, ideal), np.float64)
@@ -243,11 +269,13 @@ class Lens:
 
     @property
     def _aside(self) -> float:
-        """Bound on the tangential part's displacement of a position."""
+        """Bound on the displacement of a position by the tangential part and the prism."""
         if self.model == "kannala_brandt":
             return 0.0
         p1, p2 = self.coefficients[2:4]
-        return 3 * (abs(p1) + abs(p2)) * self.reach**2
+        s1, s2, s3, s4 = self.coefficients[8:12] or (0.0, 0.0, 0.0, 0.0)
+        by_prism = (abs(s1) + abs(s3)) * self.reach**2 + (abs(s2) + abs(s4)) * self.reach**4
+        return 3 * (abs(p1) + abs(p2)) * self.reach**2 + by_prism
 
 
 def _in_parts(function: Callable[[Float64], Float64], points: Float64) -> Float64:

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.calibration_text import read_tree
+from pyibr.core.calibrations import extrinsics_in, making
 from pyibr.core.checks import Float64, checked_pose
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import checked_path, read_rows, read_text, reading, words_of
@@ -19,6 +21,7 @@ from pyibr.io.folders import files_in, units_of
 
 _NUMBER = re.compile(r"[-+]?(\d|\.\d|(nan|inf)$)", re.I)
 _TITLES = re.compile(r"(quat|quaternion|pos|position|translation|rotation|orientation|pose|format)s?")
+_TREES = (".json", ".yaml", ".yml", ".ini")
 _TUM = 8  # numbers per line: time tx ty tz qx qy qz qw
 
 
@@ -51,13 +54,16 @@ def read_poses(path: str | PathLike[str]) -> Poses:
     path : path
         One of these forms:
 
-        - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D). A header that names the columns of a
-          position and a quaternion, such as ``qw``, gives another order or further columns (EuRoC, RTAB-Map, rostopic);
+        - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D), maybe with a node's number after it
+          (RTAB-Map). A header that names the columns of a position and a quaternion, such as ``qw``, gives another order
+          or further columns (EuRoC, RTAB-Map, rostopic);
         - a text file with lines of 12 (KITTI) or 16 numbers, or one more with the time first;
         - a text file of 4 x 4 matrices, one row a line (7-Scenes). A line of 3 numbers may precede each, the frame's
           number first (Redwood, Open3D);
         - an NPY file of such matrices;
         - a JSON file of cameras that `read_cameras` reads, such as Open3D's trajectory;
+        - the transform between two cameras, as JSON, YAML or INI of RealSense, Orbbec or OpenCV: the pose of the first
+          camera in the second one's frame;
         - a folder of such text files, for example ``frame-000000.pose.txt``, in the order of their numbers. If any
           name contains "pose", only these files are read.
 
@@ -98,6 +104,10 @@ class Trajectory(NamedTuple):
 
 def read_trajectory(source: Path) -> Trajectory:
     """Read a trajectory as in `read_poses`; unusable poses are None; FileFormatError if all are unusable."""
+    with making(source):
+        pose = extrinsics_in(read_tree(source)) if source.suffix.lower() in _TREES else None
+    if pose is not None:
+        return Trajectory([pose], None, None, None)
     if source.suffix.lower() == ".json":
         return Trajectory([camera.world_from_camera for camera in read_cameras(source).values()], None, None, None)
     found = _read_folder(source) if source.is_dir() else _read_file(source)
@@ -130,6 +140,8 @@ def _read_file(path: Path) -> Trajectory:
         named = [] if source.suffix.lower() == ".npy" else _named(read_text(source).splitlines())
         rows = named or read_rows(source)
     lengths = {len(row) for row in rows}
+    if not named and lengths == {_TUM + 1} and all(row[-1].is_integer() for row in rows):
+        rows, lengths = [row[:_TUM] for row in rows], {_TUM}
     if named or lengths == {_TUM}:
         table = np.array(rows)
         matrices = np.array([pose_of(row[-7:-4], row[-4:]) for row in table])
@@ -145,7 +157,8 @@ def _read_file(path: Path) -> Trajectory:
         times = table[:, 0] if timed else None
     else:
         found = ", ".join(map(str, sorted(lengths))) or "no"
-        raise FileFormatError(f"{path}: expected 8, 12, 13, 16 or 17 numbers a line, or 4 x 4 matrices, got {found}")
+        form = "8, 12, 13, 16 or 17 numbers a line (9: the last is whole), or 4 x 4 matrices"
+        raise FileFormatError(f"{path}: expected {form}, got {found}")
     if times is not None and not np.isfinite(times).all():
         raise FileFormatError(f"{path}: expected times in seconds, got some that are not finite")
     if times is not None and (units := units_of(times[0])):

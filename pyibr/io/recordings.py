@@ -178,7 +178,8 @@ def shots_of(
 ) -> list[Shot | None]:
     """The frames in the order of `cameras_of`; None for a frame without a pose.
 
-    depth_camera: replaces the recording's own depth camera. It moves rigidly with the camera of the colours.
+    depth_camera: replaces the recording's own depth camera. It moves rigidly with the camera of the colours, from
+    the first one on.
     """
     count, made = len(recording.depths), list[Shot | None]()
     own = recording.depth_cameras() if recording.depth_cameras and depth_camera is None else [depth_camera] * count
@@ -186,9 +187,9 @@ def shots_of(
         if pose is None:
             made.append(None)
             continue
-        of_depth = own[k]
-        if of_depth is not None and pose is not camera.world_from_camera:
-            of_depth = posed(of_depth, pose @ camera.camera_from_world @ of_depth.world_from_camera)
+        of_depth, start = own[k], camera if depth_camera is None else cameras[0][0]
+        if of_depth is not None and pose is not start.world_from_camera:
+            of_depth = posed(of_depth, pose @ start.camera_from_world @ of_depth.world_from_camera)
         stored = recording.stored[k] if recording.stored else PLAIN
         made.append(Shot(recording.colors[k], recording.depths[k], posed(camera, pose), of_depth, stored, number))
     return made

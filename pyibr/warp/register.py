@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -40,6 +41,7 @@ _LENSES = {  # LENS of kernels/lib/lens.h
     "inverse_brown_conrady": 2,
     "modified_brown_conrady": 2,
     "kannala_brandt": 3,
+    "tilted": 4,
 }
 
 
@@ -86,7 +88,8 @@ def register(
         Planar z of `depth_camera`; NaN, infinite or <= 0 for missing depth.
     depth_camera, color_camera : Camera
         Both with their poses in one world: ``world_from_camera`` is the identity for one camera and the calibration's
-        transform for the other. Lenses are taken into account.
+        transform for the other. Lenses are taken into account. Different cameras that both stand at the origin give
+        a warning.
     depth_scale : float
         For uint16: stored units per scene unit (the unit of the cameras' poses), 1000 for millimetres and metres.
     cut_ratio : float, optional
@@ -118,6 +121,7 @@ def register(
     (dtype('uint16'), 1500)
     """
     stored, units, ratio = _checked(depth, depth_camera, color_camera, depth_scale, cut_ratio)
+    warn_of_one_place(depth_camera, color_camera)
     with one_call():
         registered = _drawn(_view_of(stored, units, depth_camera, noise), color_camera, ratio).picture.depth
         if units:
@@ -168,10 +172,24 @@ def register_color(
     [90, 90, 90]
     """
     stored, units, ratio = _checked(depth, depth_camera, color_camera, depth_scale, cut_ratio)
+    warn_of_one_place(depth_camera, color_camera)
     given = checked_colors("color", color, (color_camera.height, color_camera.width, 3))
     with one_call():
         view = _view_of(stored, units, depth_camera, noise)
         return _colors_for(view, color_camera, given, _drawn(view, color_camera, ratio))
+
+
+def warn_of_one_place(depth_camera: Camera, color_camera: Camera) -> None:
+    """Warn if different cameras both stand at the origin, as cameras of calibrations without poses do."""
+    if any((one.world_from_camera != np.eye(4)).any() for one in (depth_camera, color_camera)):
+        return
+    resized = color_camera.resized(depth_camera.size)  # as of phones
+    if depth_camera.lens != color_camera.lens or not np.allclose(resized.K, depth_camera.K, rtol=1e-3):
+        warnings.warn(
+            "the cameras of depth and colour differ, but both stand at the origin; unless they share one viewpoint, "
+            "set the depth camera's world_from_camera to its pose in the colour camera's frame (--extrinsics)",
+            stacklevel=1,  # one place for all callers: it is shown once
+        )
 
 
 def _view_of(stored: Any, units: float, camera: Camera, noise: Noise | None) -> DepthImage:
@@ -276,7 +294,7 @@ def _lens(camera: Camera) -> tuple[int, Struct]:
         return 0, Struct("Lens", values)
     coefficients = camera.lens.coefficients
     values["k"][: len(coefficients)] = coefficients
-    values["reach"] = camera.lens.reach
+    values["reach"], values["tilt"] = camera.lens.reach, camera.lens.tilt.ravel()
     return _LENSES[camera.lens.model], Struct("Lens", values)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app.commands.cameras import depth_camera_in
+from pyibr.io.recordings import PLAIN
 from pyibr.io.video import Video
 from pyibr.io.video_writing import VideoWriter
 from tests.app.commands import assert_one_line, places, run, succeeded
@@ -51,7 +52,7 @@ def test_of_several_cameras_that_of_the_depths_size_is_taken(tmp_path: Path):
     (tmp_path / "rig.json").write_text(json.dumps(rig))
     for name in ("d.png", "d.npy", "d.pfm"):
         ibr.write_depth(tmp_path / name, np.ones((7, 13), np.float32), depth_scale=1)
-        assert depth_camera_in(tmp_path / "rig.json", tmp_path / name).size == (13, 7)
+        assert depth_camera_in(tmp_path / "rig.json", tmp_path / name, PLAIN, COLORS, None).size == (13, 7)
 
 
 assert_refused = partial(assert_one_line, progress="Registering")
@@ -159,3 +160,29 @@ def test_frames_that_cannot_be_read_are_left_out_and_told(pair: Pair, torn: str)
     for number in (0, 2, 3):
         found = ibr.register_color(pair.depth(number), pair.base, COLORS, pair.pictures[number])
         np.testing.assert_array_equal(ibr.read_color(pair.folder / f"new_{number:04d}.png"), found.color)
+
+
+def test_two_cameras_at_the_origin_are_told_once_and_extrinsics_set_them_apart(pair: Pair):
+    """RealSense's calibrations lack the pose between the cameras; a file of its own gives it."""
+    for name, camera in {"depth": pair.base, "color": COLORS}.items():
+        data = {"width": camera.width, "height": camera.height, "fx": camera.K[0, 0], "fy": camera.K[1, 1]}
+        data |= {"ppx": camera.K[0, 2], "ppy": camera.K[1, 2]}
+        (pair.folder / f"{name}_intrinsics.json").write_text(json.dumps(data))
+    moved = COLORS.camera_from_world @ pair.base.world_from_camera
+    told = {"rot": moved[:3, :3].T.ravel().tolist(), "tran": moved[:3, 3].tolist()}
+    (pair.folder / "extrinsics.json").write_text(json.dumps(told))
+    out = ["-o", pair.folder / "new.png", "--depth-scale", SCALE]
+    cameras = ["--depth-camera", pair.folder / "depth_intrinsics.json"]
+    cameras += ["--color-camera", pair.folder / "color_intrinsics.json"]
+    plain = run("register", pair.folder / "depth", *cameras, *out)
+    succeeded(plain)
+    assert plain.stderr.count("the cameras of depth and colour differ, but both stand at the origin") == 1
+    assert plain.stderr.count("--extrinsics") == 1
+    extrinsics = ["--extrinsics", pair.folder / "extrinsics.json"]
+    apart = run("register", pair.folder / "depth", *cameras, *extrinsics, *out)
+    succeeded(apart)
+    assert "origin" not in apart.stderr
+    for number in range(COUNT):
+        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", depth_scale=SCALE)
+        expected = pair.stored(ibr.register(pair.depth(number), pair.base, COLORS))
+        assert np.isclose(made, expected, rtol=1e-3, equal_nan=True).mean() > 0.99  # the frames differ by rounding

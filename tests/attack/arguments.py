@@ -16,7 +16,7 @@ SIZES = (1, 1, 2, 3, 7, 13, 16, 17, 31, 32, 33, 48, 64, 65, 70)
 WRONG: tuple[Any, ...] = (None, "wrong", -1, 0, 1.5, math.nan, math.inf, [], [[1], [1, 2]], {}, object, b"x")
 WRONG += (np.zeros((2, 2)),)
 LENSES = [("brown_conrady", 5), ("rational", 8), ("modified_brown_conrady", 5), ("inverse_brown_conrady", 4)]
-LENSES += [("kannala_brandt", 4)]
+LENSES += [("kannala_brandt", 4), ("tilted", 14)]
 SCALES = (1e-30, 1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9, 1e12, 1e30)
 STRANGE_DEPTHS = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-30, 1e-6, 1e6, 1e10, 1e30, 3.4e38)
 

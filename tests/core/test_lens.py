@@ -23,8 +23,17 @@ CALIBRATIONS = {
     "narrow": ("brown_conrady", [-1.04482, 1.59252, -0.0196308, 0.0287906, 0], (1168.7, 1169, 295, 252), (640, 480)),
     "time of flight": ("rational", TOF, (504.6, 504.7, 332.8, 336.8), (640, 576)),
     "color": ("rational", COLOR, (611.8, 611.9, 639.3, 366.3), (1280, 720)),
+    "prism and tilt": (
+        "tilted",
+        [2.31, 14.9, 1e-3, -2e-3, 11.5, 2.26, 14.4, 12.6, 4e-3, -1e-3, -3e-3, 2e-3, 0.06, -0.04],
+        (801.2, 800.9, 640.2, 380.1),
+        (1280, 800),
+    ),
     "fisheye": ("kannala_brandt", [-0.003269, 0.054053, -0.051594, 0.010749], (282, 280.7, 416, 396.7), (848, 800)),
 }
+
+
+TILTED = ibr.Lens("tilted", CALIBRATIONS["prism and tilt"][1])
 
 
 def lens_and_frame(name: str) -> tuple[ibr.Lens, np.ndarray, float]:
@@ -97,10 +106,10 @@ def test_a_radius_ends_what_a_lens_sees():
             ibr.Lens("brown_conrady", [0.1, 0, 0, 0], radius=radius)
 
 
-@pytest.mark.parametrize("model", ["brown_conrady", "modified_brown_conrady", "rational", "kannala_brandt"])
+@pytest.mark.parametrize("model", ["brown_conrady", "modified_brown_conrady", "rational", "tilted", "kannala_brandt"])
 def test_strong_tangential_parts_come_back(model):
-    coefficients = [-0.2, 0.1, 0.01, -0.02, 0.03, 0.1, 0.02, 0.01]
-    lens = ibr.Lens(model, coefficients[: {"rational": 8, "kannala_brandt": 4}.get(model, 5)])
+    coefficients = [-0.2, 0.1, 0.01, -0.02, 0.03, 0.1, 0.02, 0.01, 0.02, -0.01, 0.01, 0.02, 0.2, -0.1]
+    lens = ibr.Lens(model, coefficients[: {"rational": 8, "kannala_brandt": 4, "tilted": 14}.get(model, 5)])
     ideal = np.random.default_rng(0).uniform(-0.9, 0.9, (500, 2))
     np.testing.assert_allclose(lens.undistort(lens.distort(ideal)), ideal, atol=1e-10)
 
@@ -347,8 +356,12 @@ def from_kinect(calibration, *pose):
         (lambda c: ibr.Lens("brown_conrady", [1, 2, 3]), "coefficients", "4 or 5 coefficients for brown_conrady"),
         (lambda c: ibr.Lens("brown_conrady", [0, 0, 0, np.nan]), "coefficients", "finite"),
         (lambda c: ibr.Lens.from_opencv(np.zeros(7)), "distortion", "4, 5, 8, 12 or 14"),
-        (lambda c: ibr.Lens.from_opencv(np.ones(12)), "distortion", "no thin prism and no tilted sensor"),
-        (lambda c: ibr.Lens.from_opencv(np.ones(14)), "distortion", "no thin prism and no tilted sensor"),
+        (
+            lambda c: ibr.Camera(GOOD_K, (61, 37), lens=TILTED).to_colmap(),
+            "lens",
+            "a lens that COLMAP supports: no thin",
+        ),
+        (lambda c: ibr.Camera(GOOD_K, (61, 37), lens=TILTED).to_realsense(), "lens", "a lens that RealSense supports"),
         (lambda c: ibr.Lens.from_opencv(np.ones(5), fisheye=True), "distortion", "4 numbers of a fisheye"),
         (lambda c: ibr.Camera(GOOD_K, (61, 37), lens=[0, 0, 0, 0]), "lens", "a pyibr.Lens or None"),
         (lambda c: ibr.Camera(GOOD_K, (9, 9), projection="orthographic", lens=c.lens), "lens", "None for an ortho"),

@@ -23,7 +23,7 @@ import pyibr as ibr
 from pyibr.io.layouts import LAYOUTS, recording_in
 from pyibr.io.recordings import are_placed, cameras_of, shots_of
 from tests.io.damages import damaged
-from tests.io.layouts import SPECIMENS
+from tests.io.layouts import SPECIMENS, phones
 from tests.io.layouts.wall import GL, NORMAL, OFFSET
 
 PICTURES = (".png", ".jpg", ".ppm", ".pgm")  # other tests damage these files
@@ -351,3 +351,22 @@ def test_the_manual_lists_every_layout():
     rows = [line.split("|")[1] for line in manual.splitlines() if line.startswith("| ")]
     lacking = [layout.name for layout in LAYOUTS if not any(layout.name in row for row in rows)]
     assert not lacking
+
+
+def test_lenses_and_poses_in_a_recordings_files_are_not_dropped_without_a_word(tmp_path: Path):
+    phones.polycam(tmp_path)
+    for file in tmp_path.rglob("*.json"):
+        told = json.loads(file.read_text())
+        file.write_text(json.dumps(told | {"k1": 0.1, "T_lidar": [1, 2, 3]}) if "t_00" in told else file.read_text())
+    with pytest.warns(UserWarning, match=r"\.json: not read, though it may be a lens or a pose: k1, T_lidar"):
+        recording_in(tmp_path)
+
+
+def test_eth3ds_calibration_may_have_a_lens(tmp_path: Path):
+    for name in ("rgb", "depth"):
+        (tmp_path / f"{name}.txt").write_text(f"1.5 {name}.png\n")
+    ibr.write_color(tmp_path / "rgb.png", np.zeros((37, 61, 3), np.uint8))
+    ibr.write_depth(tmp_path / "depth.png", np.ones((37, 61), np.float32), depth_scale=5000)
+    (tmp_path / "calibration.txt").write_text("50 51 30.5 17.75 -0.2 0.05 0.001 -0.002\n")
+    (camera,) = recording_in(tmp_path).known()
+    assert camera.lens == ibr.Lens("brown_conrady", [-0.2, 0.05, 0.001, -0.002])

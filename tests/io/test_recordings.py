@@ -12,7 +12,7 @@ import pyibr as ibr
 from pyibr.io import read_cameras, read_poses
 from pyibr.io.folders import at_one_time
 from pyibr.io.layouts import recording_in
-from pyibr.io.recordings import Recording, cameras_of, paired
+from pyibr.io.recordings import Recording, cameras_of, paired, shots_of
 from tests.data import shared
 
 
@@ -225,3 +225,13 @@ def test_a_real_colmap_workspace():
     for color, depth in zip(recording.colors, recording.depths, strict=True):
         shapes = [ibr.read_color(color).shape[:2], ibr.read_depth(depth).shape]
         assert shapes[0] == shapes[1] == cameras[color.name].size[::-1]
+
+
+def test_a_depth_camera_moves_with_the_cameras_of_the_colours():
+    first = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37)).orbited(20, (0, 0, 2))
+    cameras = [first.moved(0.1 * k, 0, 0).orbited(10 * k, (0, 0, 2)) for k in range(3)]
+    beside = first.moved(0.05, 0, 0)
+    recording = Recording([Path(f"{k}.png") for k in range(3)], [Path(f"d{k}.png") for k in range(3)])
+    for shot in shots_of(recording, [(camera, camera.world_from_camera) for camera in cameras], beside):
+        apart = shot.camera.camera_from_world @ shot.depth_camera.world_from_camera
+        np.testing.assert_allclose(apart, first.camera_from_world @ beside.world_from_camera, atol=1e-12)

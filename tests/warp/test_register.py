@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import cv2
 import numpy as np
 import pytest
@@ -186,3 +188,16 @@ def test_command_line(tmp_path, monkeypatch):
     assert done.exit_code == 0 and "193x141" in done.output
     found = ibr.register_color(stored, DEPTH, COLOR, ibr.read_color("color.png"))
     np.testing.assert_array_equal(ibr.read_color("colors.png"), found.color)
+
+
+def test_different_cameras_at_one_place_give_a_warning():
+    depth = np.full((141, 193), 2, np.float32)
+    there = ibr.Camera(COLOR.K, COLOR.size)
+    with pytest.warns(UserWarning, match="differ, but both stand at the origin; .* set the depth camera's world_from_"):
+        ibr.register(depth, DEPTH, there)
+    with pytest.warns(UserWarning, match="both stand at the origin"):
+        ibr.register_color(depth, DEPTH, ibr.Camera(DEPTH.K, DEPTH.size, lens=LENS), np.zeros((141, 193, 3), np.uint8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ibr.register(depth, DEPTH, COLOR)
+        ibr.register(depth, DEPTH, DEPTH.resized((386, 282)))  # as of a phone: one viewpoint

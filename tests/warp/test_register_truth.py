@@ -299,12 +299,15 @@ def test_colours_are_of_the_own_surface():
     assert both.sum() < either.sum() / 3
 
 
-@pytest.mark.parametrize("model", ["none", "brown_conrady", "rational", "modified_brown_conrady", "kannala_brandt"])
+@pytest.mark.parametrize(
+    "model", ["none", "brown_conrady", "rational", "tilted", "modified_brown_conrady", "kannala_brandt"]
+)
 def test_colours_come_from_where_opencv_sees_the_samples(model):
     """The picture's colours encode pixel positions: each sample gets its position by OpenCV, to 0.01 pixels."""
     numbers = {
         "brown_conrady": [-0.22, 0.05, 0.002, -0.001, 0.002],
         "rational": list(RATIONAL.coefficients),
+        "tilted": [*RATIONAL.coefficients, 0.01, -0.005, -0.02, 0.01, 0.08, -0.05],
         "modified_brown_conrady": [-0.2, 0.05, 0, 0, 0.003],
         "kannala_brandt": [0.02, -0.01, 0.002, 0],
     }

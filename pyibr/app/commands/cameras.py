@@ -14,11 +14,15 @@ from pyibr.app.options import print_note, printable_text
 from pyibr.core.calibrations import listed
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError, FileFormatError
-from pyibr.io import read_cameras, read_color, read_depth
+from pyibr.io import read_cameras, read_color, read_depth, read_poses
 from pyibr.io.image import focal_35mm_of
 from pyibr.io.layouts import recording_in
-from pyibr.io.recordings import PLAIN, Stored, size_of
+from pyibr.io.recordings import Stored, posed, size_of
+from pyibr.warp.register import warn_of_one_place
 
+ExtrinsicsFile = Annotated[
+    Path | None, typer.Option("--extrinsics", help="The transform from the depth's camera to the colours' camera")
+]
 _FOV = 60.0  # degrees along the longer side, if nothing else is known
 
 
@@ -78,6 +82,10 @@ def camera_in(file: Path, picture: Path, read: Callable[[Path], NDArray[Any]] = 
     return own[0]
 
 
-def depth_camera_in(file: Path, depth: Path, stored: Stored = PLAIN) -> Camera:
-    """The file's camera; among several, the camera with the depth's name or size."""
-    return camera_in(file, depth, stored.depth or (lambda path: read_depth(path, depth_scale=1)))
+def depth_camera_in(file: Path, depth: Path, stored: Stored, color: Camera, extrinsics: Path | None) -> Camera:
+    """The file's camera; among several, the one with the depth's name or size. extrinsics: to the colours' camera."""
+    own = camera_in(file, depth, stored.depth or (lambda path: read_depth(path, depth_scale=1)))
+    if extrinsics is None:
+        warn_of_one_place(own, color)
+        return own
+    return posed(own, color.world_from_camera @ read_poses(extrinsics).world_from_camera[0])

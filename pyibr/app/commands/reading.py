@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from pyibr.app.commands.cameras import LensOptions
+from pyibr.app.commands.cameras import ExtrinsicsFile, LensOptions
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.sources import InputOptions, Losses, open_sources
 from pyibr.app.commands.views import DepthOptions, DepthRange, views_of
@@ -47,6 +47,7 @@ class Reading(NamedTuple):
         list[Path] | None,
         typer.Option(metavar="FILE[#NAME]", help="The depth's camera, if it is not registered to the colours"),
     ] = None
+    extrinsics: ExtrinsicsFile = None
     cleaning: CleaningOptions = CleaningOptions()
     default_depth: DefaultDepthText = "none"
     exposure: ExposureOption = 0.0
@@ -63,7 +64,8 @@ class Inputs:
     def __init__(self, sources: list[Path], reading: Reading, together: bool = False) -> None:
         given = reading.camera or [], reading.depth_camera or [], reading.poses or []
         stored = reading.stored
-        self._options = InputOptions(sources, *given, reading.take, reading.lens, stored.how.get("channel"))
+        how = reading.take, reading.lens, stored.how.get("channel"), reading.extrinsics
+        self._options = InputOptions(sources, *given, *how)
         self._sources, are_stills = open_sources(self._options)
         if together and not all(source.is_placed for source in self._sources):
             got = f"{len(self._sources[0].shots)} without poses"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from pyibr.app.commands.beside import read_ahead
-from pyibr.app.commands.cameras import depth_camera_in
+from pyibr.app.commands.cameras import ExtrinsicsFile, depth_camera_in
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
@@ -22,7 +22,7 @@ from pyibr.app.commands.views import Depth, DepthOptions, DepthRange, DepthReade
 from pyibr.app.options import CleaningOptions, DepthFiles, DeviceName, ExposureOption, StoredDepth, Take, device_of
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
-from pyibr.io.recordings import Shot
+from pyibr.io.recordings import Shot, Stored
 
 Color = NDArray[Any]
 _Given = tuple[Shot, Depth, Color | None]
@@ -48,6 +48,7 @@ def register(
         Path,
         typer.Option("--output", "-o", help="The registered depth; with --color, the colours; several: OUT_0000, ..."),
     ],
+    extrinsics: ExtrinsicsFile = None,
     color: _Pictures = None,
     take: Take = None,
     *,
@@ -62,15 +63,20 @@ def register(
     """Register depth to a colour camera's image, or colours to depth samples; for each frame of a recording."""
     if seen_out is not None and color is None:
         raise ArgumentError("--seen-out", "--color with it", "none")
-    inputs = InputOptions([depth], [color_camera], [depth_camera], [], take, channel=stored.how.get("channel"))
-    source, is_still = open_depths(
-        inputs, color, lambda first, how: (Camera.load(color_camera), depth_camera_in(depth_camera, first, how))
-    )
+    channel = stored.how.get("channel")
+    inputs = InputOptions([depth], [color_camera], [depth_camera], [], take, channel=channel, extrinsics=extrinsics)
+
+    def alone(first: Path, how: Stored) -> tuple[Camera, Camera]:
+        of_color = Camera.load(color_camera)
+        return of_color, depth_camera_in(depth_camera, first, how, of_color, extrinsics)
+
+    source, is_still = open_depths(inputs, color, alone)
     numbers = None if is_still else [shot.number for shot in source.shots]
     files: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "depth" if color is None else "color")}
     outputs = Outputs({**files, "--seen-out": (seen_out, "mask")}, stored, numbers, VideoOptions(), source.video)
     read = source.files()
     cameras = {"--depth-camera": [depth_camera], "--color-camera": [color_camera]}
+    cameras |= {"--extrinsics": [extrinsics]} if extrinsics else {}
     files_read = {"DEPTH": read["DEPTH"], "--color": [] if color is None else read["COLOR"], **cameras}
     outputs.check(files_read, [depth] if color is None else [depth, color])
     losses = Losses(recorded=not is_still)

@@ -111,12 +111,15 @@ class InputOptions(NamedTuple):
     take: str | None
     lens: LensOptions = LensOptions()
     channel: str | None = None
+    extrinsics: Path | None = None
 
     def read(self, sources: Sequence[Source]) -> dict[str, list[Path]]:
         """All files that are read, by option or argument."""
         each = [source.files() for source in sources]
         files = {name: [path for own in each for path in own[name]] for name in ("COLOR", "DEPTH")}
         options = {"--camera": self.cameras, "--depth-camera": self.depth_cameras, "--poses": self.poses}
+        if self.extrinsics:
+            options["--extrinsics"] = [self.extrinsics]
         return {**files, **options, "the recording": [path for source in sources for path in source.cameras]}
 
 
@@ -128,9 +131,11 @@ def open_sources(options: InputOptions) -> tuple[list[Source], bool]:
     depth_cameras = _each("--depth-camera", options.depth_cameras, count)
     poses = _each("--poses", options.poses, count)
     sources: list[Source] = []
+    if options.extrinsics and not options.depth_cameras:
+        raise ArgumentError("--extrinsics", "--depth-camera with it", "none")
     for (recording, video), of_colors, of_depth, path in zip(recordings, cameras, depth_cameras, poses, strict=True):
         taken = _taken(options.take, len(recording.depths), are_stills)
-        shots, is_placed = _shots(recording, are_stills, of_colors, of_depth, path, taken, options.lens)
+        shots, is_placed = _shots(recording, are_stills, of_colors, of_depth, path, taken, options)
         sources.append(Source(shots, video, recording.cameras, is_placed))
     for source in sources[1:]:
         if len(source.shots) != len(sources[0].shots):
@@ -254,9 +259,10 @@ def _shots(
     depth_camera_files: Sequence[Path],
     pose_files: Sequence[Path],
     taken: range,
-    lens: LensOptions,
+    options: InputOptions,
 ) -> tuple[list[Shot], bool]:
     """The selected frames with a usable pose, and whether any poses are known."""
+    lens = options.lens
     first, file = recording.colors[0], next(iter(camera_files), None)
     if are_stills and recording.known is None and len(recording.colors) == 1 and not (camera_files[1:] or pose_files):
         own = lens.camera_of(first, file)
@@ -269,7 +275,8 @@ def _shots(
             recording = with_camera(recording, lens.camera_of(first, file, recording.size))
         cameras = cameras_of(recording, camera_files, next(iter(pose_files), None), shared=not are_stills)
     stored = recording.stored[0] if recording.stored else PLAIN
-    of_depth = [depth_camera_in(path, recording.depths[0], stored) for path in depth_camera_files]
+    args = recording.depths[0], stored, cameras[0][0], options.extrinsics
+    of_depth = [depth_camera_in(path, *args) for path in depth_camera_files]
     shots = shots_of(recording, cameras, next(iter(of_depth), None))
     found = [shot for place in taken if (shot := shots[place]) is not None]
     why = "no usable pose" if recording.times is None else "no pose at this time"

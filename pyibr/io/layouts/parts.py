@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyibr.core.calibrations import unread_in, warn_of_unread
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import read_json
 from pyibr.core.checks import Float64
@@ -40,9 +41,13 @@ def values_in(path: Path, mark: str) -> dict[str, str]:
     return {name.strip(): value for name, _, value in pairs}
 
 
-def object_in(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; an empty one if the file holds another type, and so fits no layout."""
+def object_in(path: Path, keys: str = ".*") -> dict[str, Any]:
+    """The object in a JSON file; an empty one if the file holds another type, and so fits no layout.
+
+    keys: pattern of the keys that the layout reads; other keys that look like a lens or a pose give a warning.
+    """
     data = read_json(path, "JSON")
+    warn_of_unread(path, unread_in(data, keys))
     return cast("dict[str, Any]", data) if isinstance(data, dict) else {}
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.calibrations import unread_in, warn_of_unread
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.conventions import CV_FROM_GL
@@ -95,7 +96,7 @@ def find_polycam(folder: Path) -> Recording | None:
         rows = np.reshape([one[f"t_{i}{j}"] for i in range(3) for j in range(4)], (3, 4))
         return matrix(one["fx"], one["cx"], one["cy"], one["fy"]), np.vstack([rows, [0, 0, 0, 1]])
 
-    return _of_files(place, _confidences(place), frames, camera)
+    return _of_files(place, _confidences(place), frames, camera, r"t_\d\d|center_depth|blur_score|manual_keyframe")
 
 
 def find_scanner_app(folder: Path) -> Recording | None:
@@ -108,7 +109,8 @@ def find_scanner_app(folder: Path) -> Recording | None:
         return np.reshape(one["intrinsics"], (3, 3)), np.reshape(one["cameraPoseARFrame"], (4, 4))
 
     frames = by_number(folder, (".jpg",), "frame_"), by_number(folder, (".png",), "depth_"), files
-    return _of_files(folder, by_number(folder, (".png",), "conf_"), frames, camera)
+    sure = by_number(folder, (".png",), "conf_")
+    return _of_files(folder, sure, frames, camera, "cameraPoseARFrame|intrinsics|exifData")
 
 
 def _of_files(
@@ -116,11 +118,12 @@ def _of_files(
     sure: Mapping[int, Path],
     frames: tuple[dict[int, Path], dict[int, Path], dict[int, Path]],
     camera: Callable[[Mapping[str, Any]], tuple[Float64, Float64]],
+    keys: str,
 ) -> Recording:
     """Pictures, depth in millimetres, and a file for each frame with K and a pose with OpenGL's axes."""
     colors, depths, files = frames
     numbers, found = joined(place, colors, depths, files)
-    told = [camera(object_in(files[number])) for number in numbers]
+    told = [camera(object_in(files[number], keys)) for number in numbers]
     size = size_of(colors[numbers[0]])
     cameras = [camera_of(files[number], K, size) for number, (K, _) in zip(numbers, told, strict=True)]
     exact = [rigid_or_none(pose) for _, pose in told]
@@ -183,6 +186,7 @@ def _bytes(file: Path | zipfile.Path) -> bytes:
 
 def _told_by_record3d(told: Any, file: Path, numbers: Sequence[int]) -> tuple[list[Camera], list[Float64 | None]]:
     """Cameras and poses of the frames with these numbers."""
+    warn_of_unread(file, unread_in(told, "poses|initPose|perFrame.*"))  # the first pose is in the list, too
     try:
         rows = np.array(told["poses"], np.float64).reshape(-1, 7)
         K = np.array(told["K"], np.float64).reshape(3, 3).T

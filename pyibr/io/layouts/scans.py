@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.calibrations import unread_in, warn_of_unread
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64
 from pyibr.core.errors import FileFormatError
@@ -37,6 +38,7 @@ _SIZE = (640, 480)
 _SEVEN_SCENES = matrix(585.0, 320.0, 240.0)
 _INTRINSICS = ("intrinsic/intrinsic_{}.txt", "intrinsic_{}.txt", "intrinsics_{}.txt", "intrinsics/intrinsics_{}.txt")
 _MILLIMETRES = Stored(1000)
+_EXTRINSICS = ("m_calibrationColorExtrinsic", "m_calibrationDepthExtrinsic")
 _INFO = ("_info.txt", "info.txt")
 # NYU Depth's, from the data set's toolbox, which counts pixels from 1
 _NYU_COLOR = matrix(518.857901175, 324.582449411, 252.737616633, 519.469611121)
@@ -79,6 +81,8 @@ def find_sens(folder: Path) -> Recording | None:
             cameras[kind] = camera_of(info, np.reshape([float(word) for word in told[names[2]]], (4, 4)), size)
         except (ValueError, IndexError) as error:
             raise FileFormatError(f"{info}: {error}") from error
+    moved = {name: [float(word) for word in told[name]] for name in _EXTRINSICS if name in told}
+    warn_of_unread(info, unread_in(moved, ""))
     stored = Stored(float(told.get("m_depthShift", ["1000"])[0]), depth=without(65535))
     count = len(found.colors)
     of_depth = None if cameras["color"] == cameras["depth"] else (lambda: [cameras["depth"]] * count)
@@ -102,7 +106,7 @@ def find_bop(folder: Path) -> Recording | None:
     file = folder / "scene_camera.json"
     if not file.is_file():
         return None
-    told = {int(number): one for number, one in object_in(file).items() if number.isdecimal()}
+    told = {int(number): one for number, one in object_in(file, "cam_R_w2c|cam_t_w2c").items() if number.isdecimal()}
     pictures = by_number(plain.folder_in(folder, ("rgb", "gray", "grey")) or folder, COLOR_SUFFIXES)
     depths = by_number(plain.folder_in(folder, ("depth",)) or folder, (".png", ".tif", ".tiff"))
     numbers, found = joined(file, pictures, depths, told)

@@ -10,7 +10,7 @@ from pyibr.core.errors import FileFormatError
 from pyibr.core.files import read_text, reading
 from pyibr.core.lens import Lens
 from pyibr.io.layouts import plain
-from pyibr.io.layouts.parts import camera_of, matrix, numbers_in, object_in, own_camera
+from pyibr.io.layouts.parts import camera_of, matrix, object_in, own_camera
 from pyibr.io.recordings import Recording, Stored, paired_by_time, size_of
 
 _SIZE = (640, 480)
@@ -58,11 +58,8 @@ def _tum_camera(folder: Path, colors: Sequence[Path]) -> Callable[[], list[Camer
     """ETH3D's camera from calibration.txt; otherwise a camera chosen by the data set's name."""
     calibration = folder / "calibration.txt"
     if calibration.is_file():
-        values = numbers_in(calibration).ravel()
-        if len(values) != 4:
-            raise FileFormatError(f"{calibration}: expected fx fy cx cy, got {len(values)} numbers")
-        fx, fy, cx, cy = values.tolist()
-        return lambda: [camera_of(calibration, matrix(fx, cx, cy, fy), size_of(colors[0]))]
+        camera = Camera.load(calibration, size=size_of(colors[0]))
+        return lambda: [camera_of(calibration, camera.K, camera.size, camera.lens)]
     name = folder.resolve().name.lower()
     if "bonn" in name:
         return lambda: [Camera(_BONN, _SIZE, lens=_BONN_LENS)]

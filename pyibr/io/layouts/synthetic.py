@@ -46,7 +46,7 @@ def find_replica(folder: Path) -> Recording | None:
 
 def _replica_camera(file: Path) -> tuple[Camera, float]:
     """The camera, and stored units of depth per metre."""
-    told = object_in(file)
+    told = object_in(file, "")
     try:
         told = told.get("camera", told)
         fx, fy, cx, cy, scale = (float(told[name]) for name in ("fx", "fy", "cx", "cy", "scale"))
