@@ -37,7 +37,7 @@ _WHICH = r"(\d|left|right|l|r|)"
 _MATRIX = re.compile(rf"(?:camera_?matrix|camera matrix|intrinsic_?matrix|intrinsics?|mtx|cam|k|m)_?{_WHICH}", re.I)
 _DISTORTION = re.compile(
     r"(?:distortion_?(?:coefficients|coeffs?|coefs?|param(?:eter)?s)|dist_?(?:coefficients|coeffs?|coefs?|params)"
-    rf"|distortion|dist|kc|d)_?{_WHICH}",
+    rf"|distortion|dist|coeffs|kc|d)_?{_WHICH}",
     re.I,
 )
 _SIDES = "depth|rgb|colou?r|ir|left|right|"
@@ -49,7 +49,7 @@ _LACKING = re.compile(r"f_?theta.*|lat_?long|equirect.*|ortho(?:graphic|photo)|o
 _LENS_OR_POSE = re.compile(  # keys of other programs; numbers, or lists and objects with numbers
     r".*(?:distor|dist_?co|fisheye|prism|tangential|radial|skew|lens(?!_?pos)|mirror|vignett|poly_?par|affine_?par"
     r"|extrinsic|rotation|translation|quaternion|orientation|(?<![rm])pose|transform|_from_|2world|2cam|w2c|c2w"
-    r"|to_?(?:world|cam|depth|colou?r|rgb|body|imu)).*|[krt]vecs?|qvec|rot|trans?|rt|[rt]_\w+|[rtd]|kc|coef\w*"
+    r"|to_?(?:world|cam|depth|colou?r|rgb|body|imu)).*|[krt]vecs?|qvec|rot|trans?|rt|[rt]_\w+|[rtd]|kc|coef\w*|param(?:eter)?s"
     r"|(?:camera_?)?(?:position|location|origin|cent(?:er|re)_of_projection)|[kpsb]_?\d+|tau_?[xy12]?|xi|alpha|beta",
     re.I,
 )
@@ -378,13 +378,14 @@ def _of_rows(rows: list[list[float]], size: Size) -> Arguments:
 
 def _lens_in(tree: _Tree, coefficients: object = None) -> Lens | None:
     """The lens beside K by its model's name: of these coefficients, or of the mapping's own by name."""
-    kind, own = _lens_kind(tree), _by_name(tree)
+    inside = cast("dict[str, Any]", coefficients if isinstance(coefficients, dict) else {})
+    kind, own = _lens_kind({**tree, **inside}), _by_name(tree)
     if coefficients is not None and any(own.values()):
         raise ArgumentError("distortion", "coefficients in a list or by name", "both")
-    listed = _data_of(coefficients)
-    if listed is not None:
-        return conventions.lens_of_kind(kind, listed)
-    own = own if coefficients is None else _by_name(cast("dict[str, Any]", coefficients))
+    values = inside.get("coeffs", _data_of(coefficients))
+    if values is not None:
+        return conventions.lens_of_kind(kind, values)
+    own = own if coefficients is None else _by_name(inside)
     order = _OF_FISHEYE if kind == "kannala_brandt" else _COEFFICIENTS[: 14 if kind == "opencv" else 5]
     if beyond := [name for name in own if name not in order and own[name]]:
         raise ArgumentError("distortion", f"a lens of {', '.join(order)}", ", ".join(beyond))
@@ -433,8 +434,9 @@ def _orbbec(tree: _Tree, size: Size) -> Cameras | None:
 
 def _of_orbbec(tree: dict[str, Any], bent: list[str], size: Size, moved: object, strays: list[str]) -> Arguments:
     """A camera, posed by the transform from the depth camera's frame to its own."""
-    for model in [tree[key]["model"] for key in bent if isinstance(tree[key], dict) and "model" in tree[key]]:
-        tree = {**tree, "distortion_model": conventions.ORBBEC_MODELS[model] if isinstance(model, int) else model}
+    models = [tree[key].get("model") for key in bent if isinstance(tree[key], dict)]
+    for model in models if models and isinstance(models[0], int) else ():
+        tree = {**tree, "distortion_model": conventions.ORBBEC_MODELS[model]}
     made, pose = _of_numbers(tree, size, bent, strays), extrinsics_in(moved)
     if moved is not None and pose is None:
         raise ArgumentError("transform", "rot and trans, as of Orbbec's SDK", type(moved).__name__)
@@ -509,7 +511,7 @@ def _of_frame(tree: _Tree, size: Size) -> Arguments:
     focal = [tree.get("fl_x"), tree.get("fl_y", tree.get("fl_x"))]
     if focal[0] is None:
         seen = [(side, tree.get(f"camera_angle_{axis}")) for axis, side in zip("xy", size, strict=True)]
-        pairs = seen if seen[1][1] else seen[:1] * 2  # one angle: square pixels
+        pairs = (2 * ([pair for pair in seen if pair[1]] or seen))[:2]  # one angle: square pixels
         focal = [side / 2 / np.tan(numbers("camera_angle_x, camera_angle_y", angle, ()) / 2) for side, angle in pairs]
     fx, fy = numbers("fl_x, fl_y", focal, (2,))
     center = [float(tree.get(key, side / 2)) - 0.5 for key, side in (("cx", size[0]), ("cy", size[1]))]
@@ -533,7 +535,7 @@ _KALIBR_KEYS = "camera_model|distortion_model|distortion_coeffs|distortion_coeff
 _KINDS: tuple[tuple[Callable[[_Tree, Size], Cameras | None], str], ...] = (
     (_azure_kinect, _AZURE_KEYS),
     (_oak, _OAK_KEYS),
-    (_frames, rf"frames|transform_matrix|(?i:{_NAMES})|[kps]\d+"),
+    (_frames, rf"frames|transform_matrix|rotation|(?i:{_NAMES})|[kps]\d+"),  # Blender's turntables have a rotation
     (_camodocal, f"projection_parameters|{_PLAIN_KEYS}"),
     (_orbbec, f"{_ORBBEC_KEYS}|{_PLAIN_KEYS}"),
     (_realsense, "model|coeffs"),

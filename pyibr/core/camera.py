@@ -306,10 +306,12 @@ class Camera(CameraGeometry, Shown):
         Parameters
         ----------
         path : path
-            A file from `save`, or a calibration of Open3D, ROS (YAML, INI), OpenCV (YAML, XML, JSON), Kalibr,
-            RealSense, Azure Kinect, Orbbec, OAK (DepthAI) or NeRF's `transforms.json`; or K as 3 x 3, 3 x 4 or 4 x 4
-            numbers, in pixels or in fractions of the picture's size. For files of several cameras, append a name, as
-            in ``camchain.yaml#cam1``; an Azure Kinect's names are its modes, as in ``calibration.json#720P``.
+            A file from `save`, or a calibration of Open3D, ROS (YAML, INI), OpenCV (YAML, XML, JSON), Kalibr, EuRoC,
+            camodocal, RealSense, Azure Kinect, Orbbec, OAK (DepthAI) or NeRF's `transforms.json`; or K as 3 x 3, 3 x 4
+            or 4 x 4 numbers, in pixels or in fractions of the picture's size; or fx fy cx cy [k1 k2 p1 p2 ...]. For
+            files of several cameras, append a name, as in ``camchain.yaml#cam1``; an Azure Kinect's names are its
+            modes, as in ``calibration.json#720P``. Keys that look like a lens or a pose and are not read give a
+            warning; a lens that pyibr lacks is refused.
         size : (width, height), optional
             The pictures' size, for files that lack it. Without a name, the camera of this size is chosen.
 

@@ -145,7 +145,7 @@ def colmap_from_intrinsics(K: Float64, lens: Lens | None) -> tuple[str, Float64]
 def find_lens_kind(name: object) -> str | None:
     """Return the kind in `_LENS_NAMES` of a lens model's name in another program; None if pyibr lacks it."""
     word = re.sub(r"[^a-z0-9]+", "_", str(name).lower()).strip("_")
-    return _LENS_KINDS.get(re.sub("^(rs2_)?distortion_", "", word))
+    return _LENS_KINDS.get(re.sub("^(rs2_|ob_)?distortion_", "", word))
 
 
 def lens_kind(argument: str, name: object, known: str = "a lens that pyibr has") -> str:

@@ -78,6 +78,16 @@ READ: dict[str, tuple[Any, str, list[float]]] = {  # content, kind of lens, coef
     },
     "beside K: names": (MATRIX | NAMED, "", LIST),
     "beside K: an object": (MATRIX | {"distortion": NAMED}, "", LIST),
+    "beside K: an object with a model": (
+        MATRIX | {"distortion": {"model": "fisheye", "coeffs": LIST}},
+        "fisheye",
+        LIST,
+    ),
+    "Orbbec, a model by name": (
+        {"rgbIntrinsic": INTRINSIC, "rgbDistortion": FISHEYE | {"model": "OB_DISTORTION_KANNALA_BRANDT4"}},
+        "fisheye",
+        LIST,
+    ),
     "beside K: two coefficients": (MATRIX | {"dist_coeffs": LIST[:2]}, "", [*LIST[:2], 0, 0]),
     "beside K: a model": (MATRIX | {"dist_coeffs": LIST, "lens_model": "equidistant"}, "fisheye", LIST),
     "numbers, a list": (INTRINSIC | {"distortion_model": "radtan", "dist_coeffs": LIST}, "", LIST),
@@ -137,6 +147,9 @@ def test_two_angles_of_view_are_two_focal_lengths(tmp_path: Path):
     data = {"w": 61, "h": 37, "camera_angle_x": 1.0, "camera_angle_y": 0.5, "frames": FRAMES}
     camera = ibr.Camera.load(written(tmp_path, "transforms.json", json.dumps(data)))
     np.testing.assert_allclose(np.diag(camera.K)[:2], [30.5 / np.tan(0.5), 18.5 / np.tan(0.25)])
+    del data["camera_angle_x"]
+    camera = ibr.Camera.load(written(tmp_path, "transforms.json", json.dumps(data)))
+    np.testing.assert_allclose(np.diag(camera.K)[:2], 18.5 / np.tan(0.25))
 
 
 def test_orbbecs_colour_camera_is_moved_by_the_transform(tmp_path: Path):
@@ -186,7 +199,16 @@ def test_what_pyibr_lacks_is_refused_by_name(tmp_path: Path, content, message):
 # ---- keys that nobody knows
 
 _SCALARS = ("k1", "K2", "k_3", "p1", "s1", "tau_x", "xi", "alpha", "skew", "radial_k1")
-_LISTS = ("dist_coefs", "kc", "distortion_parameters", "radial_distortion", "tangential", "coeffs", "fisheye_params")
+_LISTS = (
+    "dist_coefs",
+    "kc",
+    "distortion_parameters",
+    "radial_distortion",
+    "tangential",
+    "coeffs",
+    "fisheye_params",
+    "params",
+)
 _LISTS += ("lens", "thin_prism", "D", "poly_parameters", "quaternion", "distort_fixed")
 _POSES = ("T_BS", "pose", "extrinsics", "c2w", "Rt", "cam2world", "world_from_camera", "T_cn_cnm1", "camera_to_world")
 _SHIFTS = ("rvec", "tvec", "translation", "position", "t", "T", "orientation")
