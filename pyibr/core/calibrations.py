@@ -376,13 +376,13 @@ def _of_rows(rows: list[list[float]], size: Size) -> Arguments:
     return _arguments(values[:count], size, conventions.lens_of_kind("opencv", values[count:]))
 
 
-def _lens_in(tree: _Tree, coefficients: object = None) -> Lens | None:
+def _lens_in(tree: _Tree, coefficients: Any = None) -> Lens | None:
     """The lens beside K by its model's name: of these coefficients, or of the mapping's own by name."""
-    inside = cast("dict[str, Any]", coefficients if isinstance(coefficients, dict) else {})
+    inside: dict[str, Any] = coefficients if isinstance(coefficients, dict) else {}
     kind, own = _lens_kind({**tree, **inside}), _by_name(tree)
     if coefficients is not None and any(own.values()):
         raise ArgumentError("distortion", "coefficients in a list or by name", "both")
-    values = inside.get("coeffs", _data_of(coefficients))
+    values = inside.get("coeffs", inside.get("data")) if inside else coefficients
     if values is not None:
         return conventions.lens_of_kind(kind, values)
     own = own if coefficients is None else _by_name(inside)
@@ -482,8 +482,8 @@ def _oak(tree: _Tree, _: Size) -> Cameras | None:
 
     def made(socket: int) -> Arguments:
         data = sockets[socket]
-        values = data["distortionCoeff"]
-        kind = conventions.lens_kind("cameraType", _OAK_TYPES[data.get("cameraType", 0)])
+        values: Any = data["distortionCoeff"]
+        kind = conventions.lens_kind("cameraType", _OAK_TYPES[int(data.get("cameraType", 0))])
         lens = conventions.lens_of_kind(kind, values[:4] if kind == "kannala_brandt" else values)
         return _arguments(data["intrinsicMatrix"], _size_in(data), lens, pose(socket, (socket,)))
 
