@@ -8,6 +8,8 @@ import inspect
 import pkgutil
 import re
 import shlex
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -120,3 +122,32 @@ def test_public_functions_have_examples() -> None:
     modules = (pyibr, pyibr.io, pyibr.slicing)
     functions = {f for m in modules for f in map(m.__dict__.get, m.__all__) if inspect.isfunction(f)}
     assert not sorted(f.__name__ for f in functions if ">>>" not in (f.__doc__ or ""))
+
+
+@cache
+def parameters_by_name() -> dict[str, set[str]]:
+    """Parameters of all public functions, classes and methods, by their names without a module or class."""
+    found: dict[str, set[str]] = {}
+    modules = [pyibr, pyibr.io, *map(importlib.import_module, ("pyibr.capture", "pyibr.slicing", "pyibr.drawing"))]
+    public = [getattr(module, name) for module in modules for name in module.__all__]
+    methods = [one for kind in public if inspect.isclass(kind) for _, one in inspect.getmembers(kind, callable)]
+    for one in (*public, *methods):
+        with suppress(AttributeError, TypeError, ValueError):  # types such as unions, and built-in methods
+            found.setdefault(one.__name__, set()).update(inspect.signature(one).parameters)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_keywords_in_prose_are_those_of_the_callables_on_the_page(page: Path) -> None:
+    """A keyword such as `fill="smooth"` is a parameter of something that the page names, of its system, or `warp`."""
+    known, text = parameters_by_name(), page.read_text(encoding="utf-8")
+    room = ROOT / "pyibr" / page.stem / "__init__.py"
+    named = {
+        *re.findall(r"\w+", " ".join(CODE.findall(text))),
+        "warp",
+        *(re.findall(r"\w+", room.read_text()) if room.exists() else ()),
+    }
+    parameters = set().union(*(known[name] for name in named & known.keys()))
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    keywords = {word for word in re.findall(r"`(\w+)=[^`\n]*`", prose) if not word.isupper()}  # no variables
+    assert not keywords - parameters

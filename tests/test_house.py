@@ -16,7 +16,7 @@ import pytest
 
 import pyibr
 from pyibr.opencl.headers import kernels_folder
-from tests.processes import run_python
+from tools.processes import run_python
 
 PACKAGE = Path(pyibr.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -134,3 +134,14 @@ def test_few_things_lie_at_the_top_beside_the_systems():
     entries = {entry.name for entry in PACKAGE.iterdir()} - {"__pycache__", "kernels", "py.typed"}
     assert len(entries - systems) <= 10, sorted(entries - systems)
     assert systems - {"lib"} <= entries  # each system has a folder in the package, too
+
+
+def test_only_tests_import_tests():
+    """Benchmarks, tools and the manual's scripts run without pytest."""
+    for path in SOURCES:
+        if path.relative_to(ROOT).parts[0] == "tests":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            named = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            named += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert {name.split(".")[0] for name in named}.isdisjoint(("tests", "pytest", "conftest")), path

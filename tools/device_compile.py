@@ -25,9 +25,9 @@ from typing import cast
 from pyibr.app.commands.doctor import PICTURES
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import expanded
-from tests.one_lane import one_lane
-from tests.opencl.everything import calls
+from tools.everything import calls
 from tools.gpu_compile import Program, assembler, compiled, compiler, ran
+from tools.one_lane import one_lane
 
 NVIDIA = ("sm_75", "sm_90")
 AMD = ("gfx1100", "gfx90a")

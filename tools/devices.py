@@ -30,9 +30,9 @@ import pyibr as ibr
 from pyibr.opencl import device, memory
 from pyibr.opencl.selftest import Outcome
 from pyibr.opencl.watch import Watch, watching
-from tests.one_lane import one_lane
-from tests.opencl.everything import calls
 from tools import debian
+from tools.everything import calls
+from tools.one_lane import one_lane
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks/results/devices.json"

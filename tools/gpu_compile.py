@@ -30,7 +30,7 @@ from typing import Any, cast
 from pyibr.app.commands.doctor import PICTURES
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import expanded
-from tests.one_lane import one_lane
+from tools.one_lane import one_lane
 
 ASSEMBLER = "nvidia-cuda-nvcc-cu12"
 LIBRARIES = Path("/usr/lib/clc")  # libclc: OpenCL's built-in functions

@@ -1,4 +1,4 @@
-"""Measures how much cleaning improves depth, and times it against the tests' NumPy twin and OpenCV's bilateral filter.
+"""Measures how much cleaning improves depth, and times it against a NumPy twin and OpenCV's bilateral filter.
 
 Times run from NumPy arrays to NumPy arrays, measured in turns in one process.
 """
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from benchmarks import scenes
 from benchmarks.cases import Plan
+from benchmarks.cleaning import twin
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from pyibr.core.optional import opencv
-from tests.reference import cleaning as reference
 
 Size = tuple[int, int]
 Depth = NDArray[np.float32]
@@ -67,12 +67,12 @@ def _prepare(parameters: dict[str, Parameter], scene: str, size: Size, noise: fl
     subjects: dict[str, Subject] = {
         CLEANED: lambda: ibr.clean_depth(depth, color),
         STEADY: lambda: ibr.clean_depth(depth, color, before=before),
-        TWIN: lambda: reference.clean_depth(depth, color),
+        TWIN: lambda: twin.clean_depth(depth, color),
         BILATERAL: lambda: cv2.bilateralFilter(nearness, 11, 6.6 * spread, 3.0),
     }
 
     def read() -> Iterator[Record]:
-        made: dict[str, Callable[..., Any]] = {CLEANED: ibr.clean_depth, TWIN: reference.clean_depth}
+        made: dict[str, Callable[..., Any]] = {CLEANED: ibr.clean_depth, TWIN: twin.clean_depth}
         for name, call in made.items():
             yield Record(name, "gain", "dB", parameters, [_gain(call(depth, color).depth, depth, truth)])
 

@@ -25,8 +25,8 @@ from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Work, in_turns
 from benchmarks.scenes import shown
 from pyibr.opencl.device import current
-from tests.opencl.everything import calls
-from tests.processes import run_within
+from tools.everything import calls
+from tools.processes import run_within
 
 TESTS_SECONDS = 300
 TURNS = 9

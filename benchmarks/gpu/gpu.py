@@ -24,9 +24,9 @@ from benchmarks.runner import Case, Work
 from benchmarks.scenes import shown
 from pyibr.opencl.device import current
 from pyibr.opencl.watch import Traffic, watching
-from tests.one_lane import one_lane
-from tests.processes import run_within
 from tools import gpu_compile
+from tools.one_lane import one_lane
+from tools.processes import run_within
 
 _SECONDS = 1200  # limit for a call under Oclgrind
 _LATENCY = 4  # cycles from an instruction to one that needs its result

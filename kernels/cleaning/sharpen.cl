@@ -6,7 +6,8 @@
  * run's steepest step. Beyond its ends, a ramp has tails with smaller steps. So the surface on each side is the line
  * through two samples farther out, at distances in proportion to the ramp's length. A ramp is an edge if the two lines,
  * extrapolated to the sample, differ by more than the fraction APART of nearness. If the ramps in several directions
- * are edges, the steepest one counts. A slope that does not end within RAMP_REACH samples is part of a surface.
+ * are edges, the steepest one counts. A slope that does not end within RAMP_REACH samples is part of a surface. A
+ * sample gets no nearness outside of the range that the samples within RAMP_REACH along the ramp have.
  *
  * nearness: a plane (plane.h) of 1 / depth, 0 for none. sharp: (height, width) nearness of samples that change, 0 for
  * others. Work-item: `strip` packets of a row. Cost: O(pixels * RAMP_REACH). Determinism: pixels are independent.

@@ -1,7 +1,8 @@
-/* Fills holes with the colours of the source's samples without depth. A hole's filled depth gives its place in the
+/* Fills holes with the colours of the source's samples of unknown depth. A hole's filled depth gives its place in the
  * source.
  *
- * A black sample without depth is left out: images of registered cameras, and frames with holes, are black where a
+ * Empty space (infinite depth, or depth of `far` and more) is known, so its colours fill nothing (empty.cl). A black
+ * sample without depth is left out: images of registered cameras, and frames with holes, are black where a
  * colour is missing.
  *
  * color, depth, valid: (dst_height, dst_width); the holes' colours are replaced. nearness: (src_height, src_pitch).
@@ -50,7 +51,7 @@ INLINED void show_pixels(global channel *color, global const float *depth, globa
     const intl sample = nearest_v * map->src_pitch + nearest_u;
     for (uint left = lane_bits(inside); left; left = WITHOUT_LOWEST(left)) {
         const int i = LOWEST(left);
-        if (nearness[int_lane(sample, i)] > NO_SURFACE)
+        if (nearness[int_lane(sample, i)] != NO_SURFACE)
             continue;
         const float4 nearest = color_at_sample(src_color,
                                                int_lane(nearest_v, i) * map->src_width + int_lane(nearest_u, i));

@@ -33,7 +33,7 @@ def batch(
     """
     read = _read(job)
     with progress() as bar:
-        shown = bar.add_task("Running", total=None)
+        shown = bar.add_task("Running", total=None, visible=False)
         outcome = run_batch(
             read["command"],
             read["inputs"],
@@ -42,7 +42,7 @@ def batch(
             workers=workers,
             retries=retries,
             verify=verify,
-            progress=lambda done, total: bar.update(shown, completed=done, total=total),
+            progress=lambda done, total: bar.update(shown, completed=done, total=total, visible=True),
             told=lambda link: bar.console.print(f"dashboard: {link}"),
         )
     for name, error in list(outcome.failed.items())[:_SHOWN]:

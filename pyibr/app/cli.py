@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import functools
+import itertools
 import logging
 import signal
 import sys
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 import pyibr as ibr
 from pyibr.app.batch.work import COMMANDS
@@ -73,6 +74,26 @@ def telling(tell: Callable[[str], object]) -> Generator[None, None, None]:
     finally:
         logger.removeHandler(teller)
         logger.setLevel(level)
+
+
+class _Command(TyperCommand):
+    """Takes no option's name as another option's value, and names wrong values."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        options = {name: one for one in self.params for name in one.opts if name.startswith("-")}
+        values = dict[object, str]()
+        for number, word in enumerate(itertools.takewhile("--".__ne__, args), 1):
+            one = options.get(word)
+            if one is not None and not getattr(one, "is_flag", False):
+                own = list(itertools.takewhile(lambda value: value not in options, args[number : number + one.nargs]))
+                values[one] = " ".join(own) or "none"
+                if len(own) < one.nargs:
+                    raise typer.BadParameter(f"expected {one.nargs} values, got {values[one]}", ctx, one)
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as error:
+            error.message += f", got {values[error.param]}" if error.param in values else ""
+            raise
 
 
 class _OneLineErrors(TyperGroup):
@@ -213,4 +234,4 @@ _PAGES_AND_OTHERS: dict[str, Callable[..., None]] = {"view": view, "place": plac
 for _name, _uses in _EXAMPLES.items():
     _shown = [f"[bold]pyibr {_name} {_use}".rstrip() + "[/bold]" for _use in _uses]
     _command = expanded((COMMANDS | _PAGES_AND_OTHERS)[_name])
-    app.command(_name, epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(_command)
+    app.command(_name, cls=_Command, epilog="\n\n".join([f"Example: {_shown[0]}", *_shown[1:]]))(_command)

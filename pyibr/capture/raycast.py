@@ -27,6 +27,7 @@ from pyibr.core.checks import (
     plain_array,
 )
 from pyibr.core.errors import ArgumentError
+from pyibr.core.rotations import upright_axes
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh, checked_faces
 from pyibr.meshes.normals import areas, summed_at_corners
@@ -37,7 +38,8 @@ Int32 = NDArray[np.int32]
 
 _SUN: Float64 = np.array([1.0, 0.98, 0.92])
 _SHADOW: Float64 = np.array([0.30, 0.28, 0.34])
-_LIGHT: Float64 = np.array([-0.45, -0.8, -0.4]) / np.linalg.norm([0.45, 0.8, 0.4])
+_UP = (0.0, -1.0, 0.0)
+_LIGHT: Float64 = np.array([-0.45, 0.8, 0.4]) / np.linalg.norm([0.45, 0.8, 0.4])  # y is up
 
 
 class MeshScene:
@@ -59,6 +61,11 @@ class MeshScene:
         Colour of a shaded surface.
     normals : array_like (N, 3), optional
         Vertex normals, for images with normals; smooth normals by default.
+
+    Attributes
+    ----------
+    up : (3,), or None
+        Up direction of the world, along an axis: for the light on shaded surfaces (None: -y) and `object_cameras`.
 
     Raises
     ------
@@ -87,6 +94,7 @@ class MeshScene:
         base_color: tuple[float, float, float] = (235, 190, 130),
         normals: ArrayLike | None = None,
     ) -> None:
+        self.up: ArrayLike | None = None
         self.vertices: Float64 = numbers("vertices", vertices, (None, 3))
         self.faces = locked(checked_faces(faces, len(self.vertices)))
         self._texture = None if texture is None else _checked_texture(texture)
@@ -213,7 +221,7 @@ class MeshScene:
             return np.einsum("nk,nkc->nc", weight, self._colors[corner])
         normal = np.einsum("nk,nkc->nc", weight, self._smooth[corner])
         normal /= np.maximum(np.sqrt(np.einsum("nc,nc->n", normal, normal)), 1e-12)[:, None]
-        return self._base_color * _light_on(normal)
+        return self._base_color * _light_on(normal @ upright_axes(self.up or _UP) @ _LIGHT)
 
 
 def capture(
@@ -366,6 +374,8 @@ def object_cameras(
         forward = np.zeros(3)
         forward[axis] = sign
         down = np.eye(3)[(axis + 1) % 3]
+        if scene.up is not None:  # from above and below, opposite directions, which cancel in the set's up direction
+            down = -np.asarray(scene.up) if np.dot(scene.up, forward) == 0 else sign * down
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([np.cross(down, forward), down, forward])
         pose[:3, 3] = middle - away * forward
@@ -402,9 +412,8 @@ def _checked_uv(uv: ArrayLike, faces: Int32, count: int) -> Float64:
     raise ArgumentError("uv", f"shape ({count}, 2) or ({len(faces)}, 3, 2)", describe(array))
 
 
-def _light_on(normal: Float64) -> Float64:
-    """Return the colours (n, 3) of sunlight from above on surfaces with unit normals (n, 3)."""
-    lambert = normal @ _LIGHT
+def _light_on(lambert: Float64) -> Float64:
+    """Return the colours (n, 3) of sunlight on surfaces, from the cosines (n,) of its angle to their normals."""
     light = 0.15 + 0.85 * np.maximum(lambert, 0) + 0.15 * np.minimum(lambert, 0)
     return _SHADOW + (_SUN - _SHADOW) * light[:, None]
 

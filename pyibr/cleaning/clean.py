@@ -140,7 +140,8 @@ def sharpen_depth(depth: Depth) -> Depth:
     """Sharpen the edges of depth that was estimated by a network or enlarged with interpolation.
 
     Such depth has ramps of several pixels between surfaces, and in new views surfaces smear along these ramps. Each
-    sample of a ramp of up to 24 pixels is moved to the closer of the two surfaces, which is extrapolated to the sample.
+    sample of a ramp of up to 24 pixels is moved to the closer of the two surfaces, which is extrapolated to the sample,
+    but not beyond the depths around it.
     All other samples keep their depth to the bit. Depth of cameras is noisy and needs `clean_depth` instead.
 
     Parameters

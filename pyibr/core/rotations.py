@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pyibr.core.checks import Float64, describe, numbers
 from pyibr.core.errors import ArgumentError
@@ -41,6 +42,13 @@ def quaternion_from_rotation(rotation: Float64) -> Float64:
     )
     quaternion = np.linalg.eigh(symmetric)[1][:, -1]
     return -quaternion if quaternion[0] < 0 else quaternion
+
+
+def upright_axes(up: ArrayLike) -> Float64:
+    """Return the (3, 3) rotation R for rows of points: `points @ R` has y up, where `up`, along an axis, was up."""
+    direction = np.asarray(up, np.float64)
+    axis = int(np.abs(direction).argmax())
+    return np.roll(np.eye(3), 1 - axis, axis=1) * ((1, -1, -1) if direction[axis] < 0 else (1, 1, 1))
 
 
 def rotation_from_opencv(rotation: object) -> Float64:

@@ -168,6 +168,11 @@ class DepthImage(Immutable, Pictured):
             valid &= np.isfinite(rays_of(self.camera)[..., 0])
         return locked(valid)
 
+    @cached_property
+    def sees_empty_space(self) -> bool:
+        """Tell whether any depth is infinite, or `far` or more. Computed on first use."""
+        return bool((self.depth >= self.far).any())
+
     @property
     def known_depth(self) -> Depth:
         """(H, W) depth, NaN where invalid."""

@@ -174,6 +174,11 @@ class VideoWriter:
         with _written(self._path):
             self._film.close()
 
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the film's frames; None before the first, and for animated pictures."""
+        return self._film.size if isinstance(self._film, _Film) else None
+
     def add(self, color: NDArray[Any], time: float | None = None) -> None:
         """Add a frame `time` seconds after the first; pass `time` for all frames, or for none to use the rate."""
         if color.ndim == 2 and (self._encoder is None or self._bits not in self._encoder.gray):
@@ -212,7 +217,8 @@ class _Film:
         self._av, self._stack = pyav(), ExitStack()
         suffix, step = path.suffix.lower(), 2 if encoder.halves else 1
         self._deep, self._halved = bits > 8, encoder.halves
-        self._height, self._width = (size // step * step for size in shape)
+        self._height, self._width = (length // step * step for length in shape)
+        self.size = self._width, self._height
         if not self._height or not self._width:
             raise FileFormatError(f"{path}: PyAV cannot write a video of {shape[1]}x{shape[0]}")
         self._container = self._av.open(file, "w", format=_CONTAINERS.get(suffix, suffix[1:]))

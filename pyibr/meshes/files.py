@@ -23,6 +23,11 @@ _READERS = {".glb": gltf, ".gltf": gltf, ".obj": obj, ".off": off, ".ply": ply, 
 _WRITTEN = (".glb", ".obj", ".off", ".ply", ".stl")
 _TEXTURED = (".glb", ".obj")
 _COLORED = (".glb", ".obj", ".off", ".ply")
+_LACKED = {
+    ".ply": ("texture", "uv"),
+    ".off": ("texture", "uv", "normals"),
+    ".stl": ("texture", "uv", "normals", "colors"),
+}
 _OF_GLTF = (".glb", ".gltf")
 
 
@@ -82,6 +87,11 @@ def check_mesh_file(path: str | PathLike[str], textured: bool, colored: bool) ->
         kinds = _TEXTURED if not colored else [one for one in _WRITTEN if one in _TEXTURED or one in _COLORED]
         raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(kinds)}", str(file))
     check_writable(file)
+
+
+def lacked_by(path: str | PathLike[str]) -> tuple[str, ...]:
+    """Names of the arrays of a mesh that a file's format cannot store."""
+    return _LACKED.get(checked_path(path).suffix.lower(), ())
 
 
 def _write_once(file: Path, data: bytes) -> None:

@@ -140,11 +140,11 @@ def checked_wrap(wrap: Wrap | Wraps) -> Wraps:
     return both
 
 
-def checked_tiles(tiles: tuple[int, int], wrap: Wraps) -> tuple[int, int]:
+def checked_tiles(tiles: tuple[int, int], wrap: Wraps, name: str = "tiles") -> tuple[int, int]:
     """Repetitions of a map along u and v; a clamped map has none."""
-    pair = numbers("tiles", cast("ArrayLike", tiles), (2,))
+    pair = numbers(name, cast("ArrayLike", tiles), (2,))
     if (pair < 1).any() or (pair != np.rint(pair)).any():
-        raise ArgumentError("tiles", "two whole numbers >= 1", describe(tiles))
+        raise ArgumentError(name, "two whole numbers >= 1", describe(tiles))
     if any(how == "clamp" and count != 1 for how, count in zip(wrap, pair, strict=True)):
-        raise ArgumentError("tiles", '1 along an axis with wrap="clamp", which does not repeat', describe(tiles))
+        raise ArgumentError(name, '1 along an axis with wrap="clamp", which does not repeat', describe(tiles))
     return int(pair[0]), int(pair[1])

@@ -220,6 +220,19 @@ class Mesh(Immutable, Shown):
         arrays = MeshArrays(self.vertices, self.faces, self.uv, self.normals, colors, texture)
         write_mesh(path, arrays, axes, double_sided=self.sides == "both")
 
+    def replaced(self, **arrays: Any) -> Mesh:
+        """Return the mesh with other values for some of its attributes.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> mesh.replaced(vertices=2 * mesh.vertices).vertices[1].tolist()
+        [2.0, 0.0, 0.0]
+        """
+        names = "vertices", "faces", "uv", "normals", "texture", "colors", "sides", "attributes"
+        return Mesh(**({name: getattr(self, name) for name in names} | arrays))
+
     def to_open3d(self) -> Any:
         """Return the mesh as an `open3d.t.geometry.TriangleMesh`, with v upwards."""
         o3d = open3d()

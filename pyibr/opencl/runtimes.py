@@ -187,10 +187,23 @@ def problems() -> list[Problem]:
     for runtime, one in itertools.product(RUNTIMES, unlisted):
         if missing := [path.name for path in runtime.needed_by(one.path) if not path.exists()]:
             found.append(Problem(f"{runtime.name} ({one.path}) lacks {', '.join(missing)}", runtime.needs_from))
+    if (forbidden := _forbidden_folder()) and any(runtime_of(one) is _POCL for one in found_devices()):
+        found.append(forbidden)
     if has_nvidias_driver() and not has_nvidias_library():
         what = f"NVIDIA's driver is installed, but its OpenCL library, {NVIDIA}, is missing"
         found.append(Problem(what, "set NVIDIA_DRIVER_CAPABILITIES=all in a container, else install that library"))
     return found
+
+
+def _forbidden_folder() -> Problem | None:
+    """Find the fault of PoCL's folder of compiled kernels if its file system is mounted noexec."""
+    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    folder = Path(os.environ.get("POCL_CACHE_DIR") or f"{base}/pocl").expanduser().absolute()
+    there = next(one for one in (folder, *folder.parents) if one.exists())
+    if not hasattr(os, "ST_NOEXEC") or not os.statvfs(there).f_flag & os.ST_NOEXEC:
+        return None
+    what = f"PoCL cannot load the kernels that it compiles: their folder {folder} is mounted noexec"
+    return Problem(what, "set POCL_CACHE_DIR to a folder on another file system")
 
 
 def cpu_remedies() -> list[str]:
@@ -357,6 +370,7 @@ def _install_intel() -> str:
 _POCL = Runtime(
     "PoCL",
     "portable computing language",
+    mend=lambda: forbidden.remedy if (forbidden := _forbidden_folder()) else cpu_remedies()[0],
     install=_install_pocl,
     environment=lambda: {**_pinned_threads(), **_safe_kernels()},
     options=_optimized_once,

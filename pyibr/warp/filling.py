@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -40,18 +40,25 @@ def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelM
     The view with the least parallax counts most; among views with equal parallax, the first.
     """
     target.filled = True
+    nearest_first = sorted(views, key=lambda view: view[2].parallax)
+    nearest, _, nearest_map = nearest_first[0]
+
+    def behind(picture: Target) -> DeviceArray | None:
+        return find_behind(picture, nearest_map.epipole, nearest.noise) if how == "background" else None
+
+    seen_empty = [(samples, pixel_map) for view, samples, pixel_map in views if view.sees_empty_space]
+    empty_space = _spread_empty_space(target, seen_empty, behind) if seen_empty else None
     if how == "inpaint":
         inpaint(target)
-        return
-    if how == "smooth":
-        push_and_pull(target, None)
-        return
-    nearest_first = sorted(views, key=lambda view: view[2].parallax)
-    nearest, _, pixel_map = nearest_first[0]
-    push_and_pull(target, find_behind(target, pixel_map.epipole, nearest.noise))
-    if target.color.shape[2]:
+    else:
+        push_and_pull(target, behind(target))
+    if how == "background" and target.color.shape[2]:
         for _, samples, pixel_map in reversed(nearest_first):
             _show_unobserved(target, samples, pixel_map)
+    if empty_space is not None:
+        width, height = target.camera.size
+        arrays = {"empty_color": empty_space, **target.outputs()}
+        _launch("empty.cl", "clear_empty", target, width=width, height=height, **arrays)
 
 
 def find_behind(target: Target, epipole: Float64, noise: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> DeviceArray:
@@ -141,16 +148,30 @@ def push_and_pull(target: Target, behind: DeviceArray | None) -> None:
 
 def _show_unobserved(target: Target, samples: Samples, pixel_map: PixelMap) -> None:
     """Fill holes with the colours of a view's pixels without depth, where the filled depths project to such pixels."""
+    given = {"nearness": samples.nearness, "src_color": samples.color, "map": map_of(pixel_map.pair)}
+    _launch("unobserved.cl", "show_unobserved", target, **given, **target.outputs())
+
+
+def _spread_empty_space(
+    target: Target, views: Sequence[tuple[Samples, PixelMap]], behind: Callable[[Target], DeviceArray | None]
+) -> DeviceArray:
+    """Find the empty space in a picture: `empty_color` of kernels/warp/empty.cl, filled in the other holes."""
+    empty_space = Target(target.camera, np.dtype(np.uint8))
+    empty_space.color.fill(0)
+    copy(target.depth, empty_space.depth)
+    copy(target.valid, empty_space.valid)
+    marked = {f"empty_{name}": array for name, array in empty_space.outputs().items()}
+    for samples, pixel_map in views:
+        _launch("empty.cl", "mark_empty", target, nearness=samples.nearness, map=map_of(pixel_map.pair), **marked)
+    push_and_pull(empty_space, behind(empty_space))
+    return empty_space.color
+
+
+def _launch(file: str, name: str, target: Target, **arguments: Any) -> None:
+    """Launch a kernel whose work-items take strips of a picture's rows."""
     profile = current().profile
-    launch(
-        kernel("warp/unobserved.cl", "show_unobserved", **target.color_defines),
-        profile.packets(*target.camera.size, profile.strip),
-        strip=profile.strip,
-        nearness=samples.nearness,
-        src_color=samples.color,
-        map=map_of(pixel_map.pair),
-        **target.outputs(),
-    )
+    grid = profile.packets(*target.camera.size, profile.strip)
+    launch(kernel(f"warp/{file}", name, **target.color_defines), grid, strip=profile.strip, **arguments)
 
 
 def _of_holes(name: str) -> int:

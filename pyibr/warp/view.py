@@ -93,7 +93,8 @@ class WarpedView(Immutable):
         How holes are filled; `valid` stays False there, and depth is filled, too. Holes are filled after all objects
         have been drawn, so that invented colour hides nothing that was seen. "background" continues the farther surface
         around a hole into it; nearer surface at the hole's rim has a fifth of the weight. Where a view has a colour but
-        no depth, the hole gets this colour (black counts as none). "smooth" continues all surroundings, weighted by
+        no depth, the hole gets this colour (black counts as none). Pixels that show empty space (infinite depth, or
+        depth of `far` and more) stay empty. "smooth" continues all surroundings, weighted by
         distance. "inpaint" continues colours by OpenCV (Telea 2004), which is slower.
     thin : bool
         Draw oblique objects one sample thin (wires, leaves, bars) whole, as wide as their samples; otherwise their

@@ -20,7 +20,7 @@ from pyibr.app.batch import _results, batch
 from pyibr.app.batch.job import Job, Task
 from pyibr.app.batch.manifest import Manifest
 from pyibr.app.batch.work import COMMANDS, run_task
-from tests.processes import run_within
+from tools.processes import run_within
 
 distributed = pytest.importorskip("distributed")
 fsspec = pytest.importorskip("fsspec")
@@ -140,6 +140,22 @@ def test_jobs_that_are_none(command: str, colors: str, message: str, tmp_path: P
     with pytest.raises(ibr.ArgumentError) as caught:
         batch(command, {"color": colors}, "out")
     assert str(caught.value).startswith(message) and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("depth", "got"),
+    [
+        ("depht/*.png", "patterns that match files, got depht/*.png, which match none"),
+        ("*.txt", "patterns whose * match the same names, got one*.png: -1, *.txt: note"),
+    ],
+)
+def test_patterns_without_a_task_are_one_error(depth: str, got: str, tmp_path: Path, monkeypatch: Any):
+    monkeypatch.chdir(tmp_path)
+    for name in ("one-1.png", "note.txt"):
+        (tmp_path / name).touch()
+    with pytest.raises(ibr.ArgumentError) as caught:
+        Job("warp {color} {depth} -o {out}/new.png", {"color": "one*.png", "depth": depth}, "out").tasks()
+    assert str(caught.value) == f"inputs: expected {got}"
 
 
 def test_names_are_what_the_stars_stand_for(tmp_path: Path):

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture import capture, models, object_views
+from pyibr.app.commands.things import direction_of
+from pyibr.capture import models, object_views
 from pyibr.capture.frusta import Frustum, Stroke, save_frusta
+from pyibr.capture.raycast import MeshScene
+from pyibr.capture.standpoint import standpoint
 from tests.app import commands
 from tests.app.commands import succeeded
 
@@ -35,7 +38,9 @@ def assert_same(found: list[ibr.DepthImage], expected: list[ibr.DepthImage]) -> 
 def test_from_all_round(mesh: Path, tmp_path: Path):
     out = succeeded(run(mesh, "--size", 40, "--projection", "perspective", "-o", tmp_path / "set", "--json"))
     expected = object_views(ibr.Mesh.load(mesh), 40, projection="perspective")
-    assert_same(ibr.load(tmp_path / "set"), expected)
+    for one, other in zip(ibr.load(tmp_path / "set"), expected, strict=True):
+        np.testing.assert_allclose(one.camera.center, other.camera.center)
+        np.testing.assert_allclose(one.camera.forward, other.camera.forward)
     told = json.loads(out)
     assert told["written"] == [str(tmp_path / "set")] and (told["frames"], told["size"]) == (6, [40, 40])
     assert told["covered"] == pytest.approx(np.mean([view.valid.mean() for view in expected]))
@@ -47,9 +52,25 @@ def test_from_cameras_of_a_file_or_of_a_set(mesh: Path, tmp_path: Path):
     (tmp_path / "list.json").write_text(json.dumps([camera.to_json() for camera in cameras]))
     result = run(mesh, "--camera", tmp_path / "list.json", "--layer", "last", "-o", tmp_path / "set")
     assert result.exit_code == 0 and "camera 1 does not see the mesh; left out" in result.stderr
-    assert_same(ibr.load(tmp_path / "set"), [capture(ibr.Mesh.load(mesh), cameras[0], layer="last")])
+    scene = MeshScene.from_mesh(ibr.Mesh.load(mesh))
+    scene.up = 0, 1, 0
+    assert_same(ibr.load(tmp_path / "set"), [scene.capture(cameras[0], layer="last")])
     succeeded(run(mesh, "--camera", tmp_path / "set", "-o", tmp_path / "again"))
-    assert_same(ibr.load(tmp_path / "again"), [capture(ibr.Mesh.load(mesh), cameras[0])])
+    assert_same(ibr.load(tmp_path / "again"), [scene.capture(cameras[0])])
+
+
+@pytest.mark.parametrize(("words", "up"), [((), "y"), (("--up", "z"), "z"), (("--up", "-x"), "-x")])
+def test_up_is_up_in_the_images_and_lit(mesh: Path, tmp_path: Path, words, up):
+    """The camera's vertical axis is the mesh's, in the four views from aside; the view from above is the lightest."""
+    assert run(mesh, *words, "--size", 40, "-o", tmp_path / "set").exit_code == 0
+    views, upward = ibr.load(tmp_path / "set"), np.array(direction_of(up))
+    aside = [view for view in views if abs(view.camera.forward @ upward) < 0.5]
+    assert len(aside) == 4
+    for view in aside:
+        np.testing.assert_allclose(-view.camera.world_from_camera[:3, 1], upward, atol=1e-12)
+    np.testing.assert_allclose(standpoint(views, None, None).up, upward, atol=1e-12)  # of `view` and `orbit`
+    light = {round(float(view.camera.forward @ upward)): view.color[view.valid].mean() for view in views}
+    assert light[-1] > light[1] + 30
 
 
 def test_from_frusta(mesh: Path, tmp_path: Path):

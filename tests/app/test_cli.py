@@ -14,7 +14,7 @@ import pytest
 import pyibr as ibr
 from tests.app.commands import assert_one_line, run, succeeded
 from tests.app.plane import SIZE, Scene
-from tests.processes import run_within
+from tools.processes import run_within
 
 
 def shifted_by_five(scene: Scene) -> None:
@@ -159,6 +159,33 @@ def test_frames_out_of_range(scene: Scene, frames: int):
     assert result.exit_code == 2 and "--frames" in result.output
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--move", 1, 0, "-o", "x.png"), "'--move': expected 3 values, got 1 0"),
+        (("-o", "x.png", "--move", 1, 0), "'--move': expected 3 values, got 1 0"),
+        (("--orbit", "-o", "x.png"), "'--orbit': expected 1 values, got none"),
+        (("--move", 1, 0, "far", "-o", "x.png"), ", got 1 0 far"),
+        (("--samples", "many", "--orbit", 1, "-o", "x.png"), ", got many"),
+    ],
+)
+def test_values_that_an_option_lacks_or_cannot_take_are_named(scene: Scene, words, said):
+    result = scene.run(*words)
+    assert result.exit_code == 2 and said in " ".join(result.stderr.replace("\u2502", " ").split()), result.stderr
+
+
+def test_a_negative_number_is_a_value(scene: Scene):
+    result = scene.run("--move", "-0.1", "-.1", "-1e-2", "-o", scene.folder / "x.png")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("command", ["warp", "orbit"])
+def test_a_folder_is_no_picture(scene: Scene, command):
+    where = scene.folder / "new"
+    how = ("--orbit", 1) if command == "warp" else ("--swing", 1)
+    assert_one_line(scene.run(*how, "-o", f"{where}/", command=command), f"such as {where}/new.png, got {where}, which")
+
+
 def test_help_shows_an_example():
     for command in ("warp", "stereo", "quilt", "orbit", "mesh", "object", "hull", "compare", "convert", "doctor"):
         shown = succeeded(run(command, "--help", env={"COLUMNS": "200", "TERM": "dumb"}))
@@ -240,6 +267,19 @@ def test_a_step_becomes_a_number_of_triangles(scene: Scene):
         succeeded(scene.run(*words, "-o", file, command="mesh", depth="step.npy", scale=""))
         made.append(len(ibr.Mesh.load(file).faces))
     assert made[0] > 36 and made[1] <= 9 and made[2] <= 9  # the quadtree has many at the step
+
+
+def test_up_turns_a_glb_alone(scene: Scene):
+    """Without --up, the world's y is down; other formats store the world's numbers and say so."""
+    made = {}
+    for name, words in {"a.glb": (), "z.glb": ("--up", "z"), "a.ply": ()}.items():
+        result = scene.run("--max-error", "0.001", *words, "-o", scene.folder / name, command="mesh")
+        made[name] = ibr.Mesh.load(scene.folder / name, axes="gltf").vertices
+        assert ("in other commands, --up -y shows it upright" in result.stdout) == (name == "a.ply"), result.output
+    np.testing.assert_array_equal(made["a.glb"], made["a.ply"] * (1, -1, -1))
+    np.testing.assert_array_equal(made["z.glb"], np.roll(made["a.ply"], -1, axis=1))
+    result = scene.run("--max-error", "1", "--up", "z", "-o", scene.folder / "a.ply", command="mesh")
+    assert_one_line(result, "--up", "a .glb", "a.ply")
 
 
 def test_bad_meshes(scene: Scene):

@@ -29,6 +29,7 @@ def folder(tmp_path: Path) -> Path:
     CAMERA.save(tmp_path / "camera.json")
     ibr.write_depth(tmp_path / "depth.npy", DEPTH)
     ibr.write_depth(tmp_path / "counts.png", DEPTH, depth_scale=1000)
+    ibr.Mesh([[0, 0, 1], [1, 0, 1], [0, 2, 1]], [[0, 1, 2]]).save(tmp_path / "tri.ply")
     np.savez(tmp_path / "three.npz", depth=np.stack([DEPTH, DEPTH + 1, DEPTH + 2]))
     return tmp_path
 
@@ -145,16 +146,58 @@ def test_a_recording_in_a_simple_layout(folder: Path, name: str):
         same(view.camera, other.camera)
 
 
-def test_meshes(folder: Path):
-    ibr.Mesh([[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 1, 2]]).save(folder / "one.ply")
-    assert "1 triangles" in convert(folder, "one.ply", "-o", "one.glb")
-    np.testing.assert_allclose(ibr.Mesh.load(folder / "one.glb").vertices, [[0, 0, 1], [1, 0, 1], [0, 1, 1]])
+UPRIGHT = ibr.Mesh([[0, 0, 1], [1, 0, 1], [0, 2, 1]], [[0, 1, 2]])  # 2 high along y
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "off", "stl"])
+def test_meshes_keep_their_up_direction_as_in_trimesh(folder: Path, kind):
+    """Both libraries give the same numbers: y is up in glTF, and by custom in other formats."""
+    trimesh = pytest.importorskip("trimesh")
+    UPRIGHT.save(folder / f"one.{kind}")
+    assert f"1 triangles; y is up in one.{kind}" in convert(folder, f"one.{kind}", "-o", "one.glb")
+    assert f"; y is up in back.{kind}" in convert(folder, "one.glb", "-o", f"back.{kind}")
+    assert " is up in" not in convert(folder, f"one.{kind}", "-o", f"same.{kind}")
+    trimesh.load_mesh(folder / f"one.{kind}").export(folder / "theirs.glb")
+    assert "1 triangles" in convert(folder, "theirs.glb", "-o", f"theirs.{kind}")
+    for name in (f"one.{kind}", "one.glb", f"back.{kind}", f"same.{kind}", f"theirs.{kind}"):
+        np.testing.assert_array_equal(trimesh.load_mesh(folder / name).vertices, UPRIGHT.vertices)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+def test_another_direction_is_up(folder: Path, up):
+    """--up names the direction in the file that defines none, whether it is read or written."""
+    UPRIGHT.save(folder / "one.ply")
+    convert(folder, "one.ply", "--up", up, "-o", "one.glb")
+    height = UPRIGHT.vertices[:, "xyz".index(up[-1])] * (-1 if up[0] == "-" else 1)
+    np.testing.assert_array_equal(ibr.Mesh.load(folder / "one.glb", axes="gltf").vertices[:, 1], height)
+    convert(folder, "one.glb", "--up", up, "-o", "back.ply")
+    np.testing.assert_array_equal(ibr.Mesh.load(folder / "back.ply").vertices, UPRIGHT.vertices)
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost"), [("stl", "texture, uv, normals"), ("ply", "texture, uv"), ("off", "texture, uv, normals")]
+)
+def test_contents_that_a_format_lacks_are_left_out_and_reported(folder: Path, kind, lost):
+    uv, normals = np.zeros((3, 2)), np.tile([0.0, 0.0, 1.0], (3, 1))
+    painted = ibr.Mesh(UPRIGHT.vertices, UPRIGHT.faces, uv=uv, normals=normals, texture=np.zeros((2, 2, 3), np.uint8))
+    painted.save(folder / "painted.glb")
+    said = convert(folder, "painted.glb", "-o", f"bare.{kind}")
+    assert f"; left out, as .{kind} cannot hold them: {lost}\n" in said
+    found = ibr.Mesh.load(folder / f"bare.{kind}")
+    assert found.texture is None and found.uv is None and (found.normals is None) == ("normals" in lost)
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (("nothing", "-o", "out.json"), "nothing: no such file or folder"),
+        (
+            ("tri.ply", "--up", "z", "-o", "out.obj"),
+            "--up: expected a .glb, which has an up direction",
+        ),
+        (("scan", "-o", "out.mp4"), "--output: expected a folder for a recording, or .json for its cameras"),
+        (("scan", "-o", "out.png"), "--output: expected a folder for a recording, or .json for its cameras"),
+        (("film.mp4", "-o", "out.png"), "film.mp4 is read as depth), got none"),
         (("depth.npy", "-o", "out.png"), "--to-scale: expected stored units per scene unit, for the integers of"),
         (("counts.png", "-o", "out.npy"), "--depth-scale: expected stored units"),
         (("depth.npy", "-o", "out.mp4"), "out.mp4: no depth format .mp4"),
@@ -173,6 +216,7 @@ def test_meshes(folder: Path):
 def test_mistakes_are_told_in_one_line(folder: Path, words, said):
     ibr.Camera(CAMERA.K, SIZE, lens=ibr.Lens("brown_conrady", [0.1, 0, 0, 0])).save(folder / "bent.json")
     SPECIMENS["scannet"][0](folder / "scan")
+    ibr.write_video(folder / "film.mp4", [np.zeros((36, 60, 3), np.uint8)] * 2, 25)
     assert said in convert(folder, *words, status=2)
 
 

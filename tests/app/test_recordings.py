@@ -19,7 +19,7 @@ from tests.app.browser import until
 from tests.app.commands import assert_one_line, run, succeeded
 from tests.app.recorded import COUNT, SCALE, SIZE, Recorded
 from tests.data import shared
-from tests.processes import with_path
+from tools.processes import with_path
 
 # ---- several sources of one scene
 

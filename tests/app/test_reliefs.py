@@ -56,6 +56,30 @@ def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how,
     assert f"new.png: 41x33, {expected.valid.mean():.1%} covered" in out
 
 
+@pytest.mark.parametrize(("command", "kind"), [("relief", ibr.ReliefSurface), ("slices", ibr.SlicedSurface)])
+@pytest.mark.parametrize(
+    ("words", "height", "color"),
+    [
+        (("--tiles", 4, 2), (4, 2), (1, 1)),
+        (("--tiles", 4, 2, "--color-tiles", 6, 1), (4, 2), (6, 1)),
+        (("--color-tiles", 2, 3), (1, 1), (2, 3)),
+        (("--color", "paint.png", "--tiles", 4, 2, "--color-tiles", 2, 2), (4, 2), (2, 2)),
+        (("--color", "paint.png", "--tiles", 3, 2), (3, 2), (3, 2)),
+    ],
+)
+def test_height_and_colours_are_repeated_apart(folder: Path, command: str, kind, words, height, color):
+    """The mesh's own texture stays as it is, unless --color-tiles repeats it; the maps equal repeated images."""
+    bare, paint = ibr.Mesh.load(folder / "square.obj"), ibr.read_color(folder / "paint.png")
+    bare.replaced(texture=paint).save(folder / "painted.obj")
+    result = run(folder, command, "painted.obj", "bumps.png", "--scale", 0.1, *words, "--to", "camera.json")
+    assert result.exit_code == 0, result.output
+    bumps = ibr.read_color(folder / "bumps.png")[..., 0]
+    surface = kind(bare, np.tile(bumps, height[::-1]), np.tile(paint, (*color[::-1], 1)), 0.1)
+    expected = ibr.render(surface, CAMERA, anisotropy=8).color.astype(int)
+    found = ibr.read_color(folder / "new.png").astype(int)
+    assert np.abs(found - expected).mean() < 0.5 and (np.abs(found - expected) > 8).mean() < 0.02
+
+
 def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
     """The camera turns about the up axis; the light turns with it, so that all sides are lit."""
     asked = "--scale", 0.1, "--up", "z", "--frames", 4, "--size", 60, 40, "--light", 0, 0, 1, "--lamp", 0, 0, 0
@@ -83,6 +107,7 @@ def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
         (("bumps.png", "square.obj", "--scale", "1"), "bumps.png: a mesh file ends in one of"),
         (("square.obj", "camera.json", "--scale", "1"), "camera.json"),
         (("square.obj", "bumps.png", "--scale", "1", "--tiles", "0", "1"), "--tiles"),
+        (("square.obj", "bumps.png", "--scale", "1", "--color-tiles", "0", "1"), "--color-tiles: expected two whole"),
         (("square.obj", "bumps.png", "--scale", "1", "--wrap", "mirror"), "--wrap"),
         (("square.obj", "bumps.png", "--scale", "1", "--wrap", "clamp", "--tiles", "2", "2"), "--tiles"),
         (("square.obj", "bumps.png", "--scale", "1", "--light", "0", "0", "0"), "--light"),

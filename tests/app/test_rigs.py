@@ -87,6 +87,28 @@ def test_a_turntable_is_that_of_the_library(scene: Scene):
         np.testing.assert_array_equal(ibr.read_color(scene.folder / f"turn_{number:04d}.png"), frame.color)
 
 
+def test_the_size_of_a_film_and_its_depth_are_reported(scene: Scene):
+    """Most films have even sizes; the report and the file agree. A mesh has no range of depth to report."""
+    pytest.importorskip("av")
+    for name, size in (("a.mp4", "60x36"), ("a.mkv", "61x37"), ("a.gif", "61x37"), ("a.png", "61x37")):
+        result = scene.run("--swing", 2, "--frames", 2, "-o", scene.folder / name, command="orbit")
+        assert f"2 pictures, {size}, " in result.stdout and "; depth from 2 to 2\n" in result.stdout, result.output
+    told = scene.run("--move", 0, 0, 0, "--frames", 2, "--json", "-o", scene.folder / "b.webm").stdout
+    assert json.loads(told)["size"] == [60, 36]
+    ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).save(scene.folder / "a.ply")
+    result = run("orbit", scene.folder / "a.ply", "--frames", 1, "--size", 20, 20, "-o", scene.folder / "c.png")
+    assert result.exit_code == 0 and "depth" not in result.stdout
+
+
+@pytest.mark.parametrize("command", ["stereo", "quilt"])
+def test_a_folder_that_is_missing_is_made(scene: Scene, command: str):
+    """A path without a suffix is a folder, with or without a slash behind it."""
+    for name in ("new/", "other"):
+        how = ("--grid", 2, 2) if command == "quilt" else ()
+        result = scene.run(*how, "-o", f"{scene.folder}/{name}", command=command)
+        assert result.exit_code == 0 and len(list((scene.folder / name).glob("color_*.png"))) == 1, result.output
+
+
 def test_a_path_goes_through_its_cameras(scene: Scene):
     """`--path` takes a camera path as `pyibr view` saves it, or a list of cameras."""
     ends = [scene.camera, scene.camera.moved(0, 0, -2)]

@@ -105,7 +105,7 @@ def test_mistakes_are_told_in_a_line(folder: Path, tmp_path: Path):
     assert_one_line(run("object", tmp_path / "none", "-o", mesh), "no such folder")
     assert_one_line(run("object", tmp_path, "-o", mesh), "neither frusta.json nor frames")
     assert_one_line(run("object", folder, "--frames", 3, "-o", mesh), "--frames", "a picture or a video")
-    assert_one_line(run("object", folder, "--up", "y", "-o", mesh), "--up", ".glb, which has an up direction")
+    assert_one_line(run("object", folder, "--up", "y", "-o", mesh), "--up", "a .glb, which has an up direction")
     assert_one_line(run("object", folder, "--resolution", 0, "-o", mesh), "--resolution", "got int 0")
     assert_one_line(run("object", folder, "-o", tmp_path / "a.txt"), "a.txt")
     assert_one_line(run("hull", tmp_path, "-o", picture), "no picture in it")

@@ -9,7 +9,7 @@ import time
 
 from benchmarks.child import memory
 from pyibr.opencl.device import current
-from tests.opencl.everything import Call, calls
+from tools.everything import Call, calls
 
 MOST = 0.01
 """Largest permitted growth of the process's memory after a tenth of the calls, as a fraction."""

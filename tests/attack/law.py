@@ -12,7 +12,7 @@ import numpy as np
 
 import pyibr as ibr
 from tests.attack.arguments import MAKERS, Call
-from tests.opencl.everything import arrays_of
+from tools.everything import arrays_of
 
 HANGS = 120.0
 """Seconds of processor time, including compiling, after which a call counts as endless."""

@@ -10,7 +10,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.meshes.mesh import Mesh
 from tests.boxes import cuboid
 from tests.embree import rays_of
-from tests.processes import run_python
+from tools.processes import run_python
 
 o3d = pytest.importorskip("open3d")
 

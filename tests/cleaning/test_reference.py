@@ -7,10 +7,10 @@ import pytest
 
 import pyibr as ibr
 from benchmarks import scenes
+from benchmarks.cleaning import twin as reference
 from tests.cleaning.test_cleaning import BASELINE, FOCAL
 from tests.data import shared
 from tests.one_lane import one_lane
-from tests.reference import cleaning as reference
 
 pytest.importorskip("cv2", reason="the reference needs OpenCV")
 

@@ -44,6 +44,21 @@ def test_what_is_no_ramp_keeps_its_bits():
     assert np.isnan(none).all()
 
 
+@pytest.mark.parametrize("sigma", [1, 2, 4, 6])
+def test_no_depth_is_invented(sigma):
+    """All depths lie between the least and the greatest depth within 12 pixels, on curved and slanted surfaces, too."""
+    rng = np.random.default_rng(sigma)
+    centres, heights = rng.uniform(0, 60, (12, 2)), rng.uniform(0.1, 1, 12)
+    bumps = [
+        h * (np.hypot(X - x, Y - y) < 9) * (1 + 0.02 * (X - x)) for (x, y), h in zip(centres, heights, strict=True)
+    ]
+    soft = blurred(0.05 + np.max(bumps, axis=0), sigma)
+    found, around = ibr.sharpen_depth(soft), np.ones((25, 25))
+    assert (found != soft).any()
+    assert (found <= cv2.dilate(soft, around) * (1 + 1e-6)).all()
+    assert (found >= cv2.erode(soft, around) * (1 - 1e-6)).all()
+
+
 def test_surfaces_end_at_holes_and_at_the_border():
     truth = np.where(X < 30.4, NEAR, FAR)
     soft = blurred(truth, 1.5)

@@ -16,7 +16,7 @@ import pytest
 
 from pyibr.opencl.device import current
 from pyibr.opencl.headers import kernels_folder
-from tests.processes import run_within
+from tools.processes import run_within
 
 INF, NAN = np.inf, np.nan
 FLOATS = np.float32([0.0, -0.0, 1.0, -1.0, 1.5, 2e-38, -2e-38, 3e38, -3e38, INF, -INF, NAN, 7.25, -7.75, 0.5, 2**24])
@@ -125,7 +125,7 @@ LEFT = {"dot", "length", "fast_length", "exp2", "log2", "rint", "isfinite", "clz
 
 LOADED = """
 from pathlib import Path
-from tests.opencl.everything import calls
+from tools.everything import calls
 for call in calls().values():
     call()
     print(Path("/proc/self/maps").read_text())

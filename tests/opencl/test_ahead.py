@@ -20,8 +20,8 @@ from pyibr.opencl.device import current
 from pyibr.opencl.program import kernel
 from pyibr.opencl.runtimes import found_devices, runtime_of
 from tests import scenes
-from tests.opencl.everything import SIZE, Call, drawn, view_of, warped
-from tests.processes import run_within
+from tools.everything import SIZE, Call, drawn, view_of, warped
+from tools.processes import run_within
 
 PLATE = ibr.Mesh([[x, y, 0] for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], [[0, 1, 2], [0, 2, 3]], uv=np.eye(4)[:, :2])
 HEIGHT, COLOR = np.linspace(0, 1, 80, dtype=np.float32).reshape(8, 10), np.full((8, 10, 3), 200, np.uint8)

@@ -21,7 +21,7 @@ from pyibr.opencl.cache import Entry, cache_fault, cache_folder
 from pyibr.opencl.doctor import report
 from tests.opencl.damage import KINDS, UNSAFE
 from tests.opencl.test_memory import refusing
-from tests.processes import run_within
+from tools.processes import run_within
 
 ONE = Entry("programs", "one", "what it depends on")
 TWO = Entry("programs", "two", "something else")
@@ -248,7 +248,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.program import keeping_binaries
 from pyibr.opencl.runtimes import found_devices
 from tests.opencl.damage import KINDS
-from tests.opencl.everything import warped
+from tools.everything import warped
 folder, call = cache.cache_folder(), warped()
 
 def render():

@@ -25,10 +25,10 @@ from pyibr.opencl.memory import empty
 from pyibr.opencl.watch import Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
-from tests.opencl.everything import Call, arrays_of, calls, same
 from tests.opencl.test_in_flight import pieces
 from tests.opencl.test_memory import refusing
-from tests.processes import run_within, with_path
+from tools.everything import Call, arrays_of, calls, same
+from tools.processes import run_within, with_path
 
 
 class _Interrupted(Watch):
@@ -75,7 +75,7 @@ ALARMS = """
 import gc, random, signal, time
 from pyibr.opencl import device
 from pyibr.opencl.memory import DeviceArray
-from tests.opencl.everything import calls, same
+from tools.everything import calls, same
 from tests.opencl.test_calls import _seen_from_elsewhere
 
 def ring(number, frame):

@@ -19,7 +19,7 @@ from pyibr.opencl.device import current, devices, explain, one_call, use_device
 from pyibr.opencl.profile import profile_of
 from pyibr.opencl.runtimes import found_devices
 from tests.opencl.test_memory import refusing
-from tests.processes import run_python, run_within
+from tools.processes import run_python, run_within
 
 
 def test_a_device_of_this_machine_works_and_is_opened_once():

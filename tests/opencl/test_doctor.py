@@ -12,7 +12,7 @@ from pyibr.app.cli import app
 from pyibr.app.commands import doctor
 from pyibr.opencl.device import current, devices
 from pyibr.opencl.doctor import print_report, report
-from tests.processes import run_python
+from tools.processes import run_python
 
 
 def test_the_report_names_every_device_and_the_chosen_one(capsys: pytest.CaptureFixture[str], own_cache: Path):

@@ -13,7 +13,7 @@ import pytest
 
 from pyibr.opencl.headers import kernels_folder
 from tests.opencl.cases import GROUPS
-from tests.processes import run_within, said_under_oclgrind
+from tools.processes import run_within, said_under_oclgrind
 
 pytestmark = pytest.mark.thorough
 

@@ -22,7 +22,7 @@ from pyibr.opencl.memory import empty
 from pyibr.opencl.watch import Traffic, Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
-from tests.opencl.everything import calls, same
+from tools.everything import calls, same
 
 WIDE = {"prepare"}
 """Kernels that only run on CPUs."""

@@ -21,7 +21,7 @@ from pyibr.opencl.device import current, one_call
 from pyibr.opencl.memory_pool import rounded, when_gone
 from pyibr.picture.target import clear
 from tests.one_lane import one_lane
-from tests.opencl.everything import calls
+from tools.everything import calls
 
 SMALL, LARGE = (100, 100), (1500, 1001)  # arrays smaller and larger than a huge page
 

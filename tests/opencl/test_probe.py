@@ -22,7 +22,7 @@ from pyibr.opencl.runtimes import Found, found_devices
 from pyibr.opencl.selftest import Outcome
 from tests.opencl.test_choice import found
 from tests.opencl.test_memory import refusing
-from tests.processes import run_python
+from tools.processes import run_python
 
 
 def test_a_probe_is_kept_and_forgotten(own_cache: Path, monkeypatch: pytest.MonkeyPatch):

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyopencl as cl
@@ -17,9 +18,9 @@ import pytest
 import pyibr as ibr
 from pyibr.opencl import runtimes, unlisted
 from pyibr.opencl.device import VARIABLE
-from tests.opencl.everything import calls
 from tests.opencl.test_choice import found
-from tests.processes import run_python, with_path
+from tools.everything import calls
+from tools.processes import run_python, with_path
 
 
 @pytest.fixture
@@ -100,6 +101,24 @@ def test_a_container_without_nvidias_library_is_told(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(runtimes, "has_nvidias_driver", lambda: True)
     monkeypatch.setattr(runtimes, "has_nvidias_library", lambda: False)
     assert any("NVIDIA_DRIVER_CAPABILITIES" in problem.remedy for problem in runtimes.problems())
+
+
+def test_a_folder_that_forbids_programs_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """PoCL loads the kernels that it compiles from its cache; the folder need not exist yet."""
+    flags = os.statvfs(tmp_path).f_flag & ~os.ST_NOEXEC
+    found = runtimes.found_devices()
+    monkeypatch.setattr(os, "statvfs", lambda _: SimpleNamespace(f_flag=flags))
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "new/pocl"))
+    assert runtimes._forbidden_folder() is None
+    flags |= os.ST_NOEXEC
+    fault = runtimes._forbidden_folder()
+    assert fault is not None and f"their folder {tmp_path}/new/pocl is mounted noexec" in fault.what
+    for one in (one for one in found if runtimes.runtime_of(one) is runtimes._POCL):
+        assert runtimes.remedy_for(one) == "set POCL_CACHE_DIR to a folder on another file system"
+        assert fault in runtimes.problems()
+    monkeypatch.delenv("POCL_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert f" {tmp_path}/pocl is" in runtimes._forbidden_folder().what
 
 
 def test_the_loaders_own_variables_are_respected(intel: Path, monkeypatch: pytest.MonkeyPatch):
@@ -218,7 +237,7 @@ def test_an_environment_without_a_path_costs_no_device(tmp_path: Path, path: dic
 
 PICTURES = """
 import hashlib
-from tests.opencl.everything import calls
+from tools.everything import calls
 made = calls()
 for name in ("sweep", "mesh", "relief", "sliced"):
     print(hashlib.sha256(b"".join(array.tobytes() for array in made[name]())).hexdigest())

@@ -18,7 +18,7 @@ import pytest
 from pyibr.opencl import device, program
 from pyibr.opencl.in_flight import InFlight
 from pyibr.opencl.memory_pool import MemoryPool
-from tests.opencl.everything import calls, same
+from tools.everything import calls, same
 
 pytestmark = pytest.mark.thorough
 

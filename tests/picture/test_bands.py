@@ -13,7 +13,7 @@ import pyibr as ibr
 from pyibr.opencl.device import current
 from pyibr.picture import bands
 from tests import scenes
-from tests.processes import run_within
+from tools.processes import run_within
 
 SIZE = (301, 207)
 

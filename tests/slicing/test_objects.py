@@ -21,9 +21,9 @@ from pyibr.slicing import alpha_tests, solid
 from tests.boxes import cuboid
 from tests.builds import Builds
 from tests.data import shared
-from tests.processes import with_path
 from tests.reference.slicing import depth_object, first_depth
 from tests.slicing.solids import cup, dragon, looking, spacing, torus, views_of_torus
+from tools.processes import with_path
 
 KINDS = ["orthographic", "perspective", "four", "nine, anywhere"]
 FRONT = (0.5, 0.4, 1)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from pyibr.capture import capture, models, object_views
 from pyibr.core.camera import Camera
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import copy, upload
@@ -378,3 +379,53 @@ def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(ibr.Error, match='fill="inpaint" needs OpenCV'):
         ibr.warp(view, view.camera.moved(0.4, 0, 0), fill="inpaint")
+
+
+def ball_before_nothing(far: float, projection: str = "perspective") -> ibr.DepthImage:
+    """A ball of radius 1 at depth 4, in colours over the whole image; around it, the depth is `far`."""
+    y, x = np.mgrid[:61, :83]
+    focal = 60.0 if projection == "perspective" else 15.0
+    camera = Camera([[focal, 0, 41], [0, focal, 30], [0, 0, 1]], (83, 61), projection=projection)
+    away = np.hypot(x - 41, y - 30) / 15
+    depth = np.where(away < 1, 4 - np.sqrt(np.maximum(1 - away**2, 0)), far).astype(np.float32)
+    color = np.dstack([2 * x + 40, 3 * y + 40, np.full_like(x, 90)]).astype(np.uint8)
+    return ibr.DepthImage(color, depth, camera, far=50)
+
+
+@pytest.mark.parametrize("way", ["background", "smooth"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("far", [np.inf, 50, 99])
+def test_empty_space_is_no_hole_to_fill(far, projection, way, lanes):
+    """Beside a ball in empty space nothing is filled, whatever colour the view has there, also without colours."""
+    view = ball_before_nothing(far, projection)
+    for target in (view.camera.moved(0.4, 0.1, 0), view.camera.orbited(25, (0, 0, 4)), view.camera):
+        bare, filled = ibr.warp(view, target), ibr.warp(view, target, fill=way)
+        for before, after in ((bare.color, filled.color), (bare.depth, filled.depth), (bare.valid, filled.valid)):
+            np.testing.assert_array_equal(before, after)
+        alone = ibr.warp(ibr.DepthImage(None, view.depth, view.camera, far=50), target, fill=way)
+        np.testing.assert_array_equal(np.isfinite(alone.depth), bare.valid)
+
+
+@pytest.mark.parametrize("way", ["background", "smooth"])
+def test_unknown_depth_and_holes_before_surfaces_are_filled(way, lanes):
+    """Where depth is unknown, and beside a box before a wall below the sky, all is filled; the sky is not."""
+    view = ball_before_nothing(np.nan)
+    assert np.isfinite(ibr.warp(view, view.camera.moved(0.4, 0, 0), fill=way).depth).all()
+    y = np.mgrid[:61, :83][0]
+    depth = np.where(y < 20, np.inf, 5).astype(np.float32)
+    depth[30:50, 30:50] = 2
+    scene = ibr.DepthImage(view.color, depth, view.camera)
+    filled = ibr.warp(scene, view.camera.moved(0.3, 0, 0), fill=way)
+    assert not np.isfinite(filled.depth[:20]).any() and (~filled.valid[20:]).mean() > 0.05
+    assert np.isfinite(filled.depth[20:]).mean() > 0.99  # a wedge beside the sky, outside of the view, stays empty
+
+
+def test_views_all_around_an_object_leave_the_space_around_it_empty():
+    for projection in ("orthographic", "perspective"):
+        views = object_views(models.donut(24), 48, projection=projection)
+        camera = Camera.look_at((2.2, 1.5, 2), (0, 0, 0), (0, 1, 0), (80, 60), fov_y=60)
+        truth = capture(models.donut(24), camera).valid
+        filled = ibr.warp(views, camera, fill="background")
+        assert np.isfinite(filled.depth)[~truth].mean() < 0.02
+        several = ibr.warp(views, camera, fill="background", samples=4)
+        assert np.isfinite(several.depth)[~truth].mean() < 0.05

@@ -14,7 +14,7 @@ import pyibr as ibr
 from pyibr.core.camera import Projection
 from tests import scenes
 from tests.one_lane import one_lane
-from tests.processes import with_path
+from tools.processes import with_path
 
 FIRST_FRAME = """
 import numpy as np, pyibr as ibr

@@ -70,8 +70,11 @@ class Job:
             tasks.append(
                 Task(name, {one: url for one, (url, _) in own.items()}, hashlib.sha256(told.encode()).hexdigest())
             )
-        if not tasks and not lacking:
-            raise ArgumentError("inputs", "patterns that match files", ", ".join(self.inputs.values()))
+        if unmatched := [self.inputs[name] for name, urls in several.items() if not urls]:
+            raise ArgumentError("inputs", "patterns that match files", f"{' and '.join(unmatched)}, which match none")
+        if not tasks:
+            first = ", ".join(f"{self.inputs[name]}: {min(urls)}" for name, urls in several.items())
+            raise ArgumentError("inputs", "patterns whose * match the same names", first)
         return tasks, lacking
 
 

@@ -8,10 +8,12 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import ArrayLike
 
 from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.outputs import check_outputs
 from pyibr.app.commands.progress import with_progress
+from pyibr.app.commands.things import WORLD_UP, UpOption, customary_up, direction_of
 from pyibr.app.options import DeviceName, device_of, print_note, printable_text
 from pyibr.capture.frusta import load_frusta, save_set
 from pyibr.capture.raycast import Layer, MeshScene, object_cameras
@@ -40,6 +42,7 @@ def capture(
         Projection, typer.Option(help="Projection of the six images from all round")
     ] = "orthographic",
     layer: Annotated[Layer, typer.Option(help="With --camera: the nearest or the farthest surface on a ray")] = "first",
+    up: UpOption = None,
     device: DeviceName = None,
 ) -> None:
     """Capture depth images of a mesh: six from all round, or from cameras, or from the frusta of a set."""
@@ -57,9 +60,10 @@ def capture(
     known = Mesh.load(mesh)
     with device_of(device):
         if frusta:
-            views = _of_frusta(known, frusta, size, output)
+            views = _of_frusta(known, frusta, size, output, direction_of(up))
         else:
             scene = MeshScene.from_mesh(known)
+            scene.up = direction_of(up or customary_up(mesh)) or WORLD_UP
             whole = object_cameras(scene, size or _SIZE, projection=projection)
             cameras = read_cameras(camera) if camera else dict(zip(_AXES, whole, strict=True))
             views = _of_cameras(scene, cameras, layer)
@@ -73,11 +77,11 @@ def capture(
     tell_written([output], words, frames=len(views), size=(width, height), covered=share)
 
 
-def _of_frusta(mesh: Mesh, path: Path, size: int | None, output: Path) -> list[DepthImage]:
+def _of_frusta(mesh: Mesh, path: Path, size: int | None, output: Path, up: ArrayLike | None) -> list[DepthImage]:
     """The images of the frusta, saved together with their painted masks."""
     found, about = load_frusta(path)
     frusta = [one if size is None else one.resized(size) for one in found]
-    light = light_for(mesh, -frusta[0].camera.world_from_camera[:3, 1])
+    light = light_for(mesh, -frusta[0].camera.world_from_camera[:3, 1] if up is None else up)
     views = [one.capture(mesh, light) for one in with_progress(frusta, len(frusta), "Capturing")]
     save_set(output, frusta, views, **about)
     return views

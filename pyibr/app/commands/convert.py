@@ -17,6 +17,7 @@ from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.reading import Inputs, Reading
 from pyibr.app.commands.series import depths_in
+from pyibr.app.commands.things import Up, UpOption, check_up, save_upright
 from pyibr.app.commands.views import DepthRange
 from pyibr.app.options import DeviceName, StoredDepth, device_of
 from pyibr.core.calibrations import file_and_name
@@ -62,6 +63,7 @@ def convert(
         typer.Option(help="Stored units per scene unit of the output; default: as read for integers, or 1000"),
     ] = None,
     to_kind: Annotated[DepthKind, typer.Option(help="The kind of the written depth")] = "z",
+    up: UpOption = None,
     *,
     reading: Reading,
     video: VideoOptions,
@@ -73,7 +75,7 @@ def convert(
     source, suffix = sources[0], output.suffix.lower()
     recording = None if is_mesh_file(source) else find_recording(source, reading.stored.how.get("channel"))
     if is_mesh_file(source):
-        _convert_mesh(source, output)
+        _convert_mesh(source, output, up)
     elif form is None and (recording or len(sources) > 1) and not suffix:
         with device_of(device):
             _convert_recording(Inputs(sources, reading), sources, output, to_scale or _MILLIMETRES)
@@ -81,22 +83,29 @@ def convert(
         raise ArgumentError("--output", "a folder, for a recording of COLOR and DEPTH", str(output))
     elif form is not None or suffix in ("", ".json"):
         _convert_cameras(source, output, form or _form_of(output), size, recording)
+    elif recording is not None and source.is_dir():
+        expected = (
+            "a folder for a recording, or .json for its cameras; for its depth alone, SOURCE is the depth's folder"
+        )
+        raise ArgumentError("--output", expected, str(output))
     else:
         stored, of_integers = reading.stored, suffix in _OF_INTEGERS
         scale = stored.depth_scale if to_scale is None and of_integers else to_scale
         if scale is None and of_integers:
-            raise ArgumentError("--to-scale", f"stored units per scene unit, for the integers of {output}", "none")
+            expected = f"stored units per scene unit, for the integers of {output} ({source} is read as depth)"
+            raise ArgumentError("--to-scale", expected, "none")
         camera = next(iter(reading.camera or ()), None)
         written = stored._replace(depth_scale=scale, depth_offset=0.0, depth_kind=to_kind)
         _convert_depth(source, output, camera, stored, written, video)
 
 
-def _convert_mesh(source: Path, output: Path) -> None:
+def _convert_mesh(source: Path, output: Path, up: Up | None) -> None:
     check_outputs({"SOURCE": [source]}, {"--output": [output]})
-    mesh = ibr.Mesh.load(source)
-    check_mesh_file(output, mesh.texture is not None, mesh.colors is not None)
-    mesh.save(output)
-    tell_written([output], f"{len(mesh.faces)} triangles", triangles=len(mesh.faces))
+    check_mesh_file(output, textured=False, colored=False)
+    check_up(up, source, output)
+    mesh = ibr.Mesh.load(source, axes="gltf")
+    remark = save_upright(mesh, output, up, source)
+    tell_written([output], f"{len(mesh.faces)} triangles{remark}", triangles=len(mesh.faces))
 
 
 def _form_of(output: Path) -> CameraForm:

@@ -16,7 +16,7 @@ from pyibr.app.commands.exposure import Exposure
 from pyibr.core.checks import positive
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.io import read_relief_map
-from pyibr.meshes.heights import Wrap, Wraps, checked_wrap
+from pyibr.meshes.heights import Wrap, Wraps, checked_tiles, checked_wrap
 from pyibr.meshes.mesh import Mesh
 
 _Surface = TypeVar("_Surface")
@@ -29,7 +29,13 @@ class MapOptions(NamedTuple):
 
     color: Annotated[Path | None, typer.Option(help="An image over the same uv; default: the mesh's own")] = None
     scale: Annotated[float | None, typer.Option(help="The displacement of height 1, in scene units")] = None
-    tiles: Annotated[tuple[int, int], typer.Option(metavar="U V", help="Repetitions of height and color")] = (1, 1)
+    tiles: Annotated[
+        tuple[int, int], typer.Option(metavar="U V", help="Repetitions of the height map, and of --color")
+    ] = (1, 1)
+    color_tiles: Annotated[
+        tuple[int, int] | None,
+        typer.Option(metavar="U V", help="Repetitions of the colours; default: --tiles with --color, else 1 1"),
+    ] = None
     wrap: Annotated[
         str,
         typer.Option(
@@ -53,10 +59,22 @@ class MapOptions(NamedTuple):
         color = np.full((1, 1, 3), 200, np.uint8) if mesh.texture is None else mesh.texture
         if self.color is not None:
             color = exposure.read(self.color)
+        tiles = checked_tiles(self.tiles, wrap)
+        of_color = (1, 1) if self.color is None and mesh.texture is not None else tiles
+        of_color = checked_tiles(self.color_tiles or of_color, wrap, "--color-tiles")
+        common = np.gcd(tiles, of_color)
+
+        def repeated(image: NDArray[Any], times: tuple[int, int]) -> NDArray[Any]:
+            """Repeat a map, so that `common` repetitions of it are `times` of the image."""
+            across, down = times // common
+            return np.tile(image, (down, across, 1)[: image.ndim])
+
+        shown, raised = repeated(color, of_color), repeated(heights, tiles)
+        bumps = None if normals is None else repeated(normals, tiles)
 
         def made(kind: Callable[..., _Surface], **how: Any) -> _Surface:
-            about = {"tiles": self.tiles, "normal_map": normals, "wrap": wrap}
-            return kind(mesh, heights, color, self.scale, **about, **how)
+            about = {"tiles": (int(common[0]), int(common[1])), "normal_map": bumps, "wrap": wrap}
+            return kind(mesh, raised, shown, self.scale, **about, **how)
 
         return made
 

@@ -11,7 +11,7 @@ import pyibr as ibr
 from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import check_outputs
-from pyibr.app.commands.things import ImageOptions
+from pyibr.app.commands.things import ImageOptions, UpOption, check_up, save_upright
 from pyibr.app.options import DeviceName, device_of
 from pyibr.depthmesh.segmentation import Segmentation, Test
 from pyibr.meshes.files import check_mesh_file
@@ -32,6 +32,7 @@ def mesh(
     segmentation: Annotated[
         Test, typer.Option(help="Test that detects triangles between two surfaces")
     ] = "orthogonality",
+    up: UpOption = None,
     *,
     options: ImageOptions,
     device: DeviceName = None,
@@ -40,11 +41,12 @@ def mesh(
     camera = [options.camera] if options.camera else []
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": camera}, {"--output": [output]})
     check_mesh_file(output, textured=True, colored=True)
+    check_up(up, output)
     with device_of(device):
         with Exposure(options.exposure) as exposed:
             view = options.image(color, depth, exposed)
         made = ibr.DepthMesh(view, segmentation=Segmentation(segmentation)).simplify(max_error, count=count)
-    made.save(output)
+    remark = save_upright(made, output, up)
     triangles = len(made.faces)
     share = triangles / (2 * (view.camera.width - 1) * (view.camera.height - 1))
-    tell_written([output], f"{triangles} triangles, {share:.1%} of the full grid's", triangles=triangles)
+    tell_written([output], f"{triangles} triangles, {share:.1%} of the full grid's{remark}", triangles=triangles)

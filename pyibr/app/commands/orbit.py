@@ -15,12 +15,14 @@ from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.outputs import Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.things import ImageOptions, StartCamera, ThingFiles, UpOption, direction_of
+from pyibr.app.commands.views import DepthRange
 from pyibr.app.options import DeviceName, FillOption, Samples, Size, device_of, fill_of, printable_text
 from pyibr.app.view.paths import CameraPath
 from pyibr.capture.rigs import RenderOptions, drawn, framed, gathered
 from pyibr.capture.turntable import turntable_cameras
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
+from pyibr.images import DepthImage
 from pyibr.io import read_cameras
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import Light
@@ -99,7 +101,10 @@ def orbit(
                 warnings.simplefilter("ignore", UserWarning)  # empty pictures are reported at the end
                 (frame,) = drawn(shown, [one], **how)
             outputs.write({"color": frame.color}, number, float(frame.valid.mean()), one)
-    outputs.tell("pictures", f"{printable_text(things[0])} is out of view")
+    views, seen = [one for one in known if isinstance(one, DepthImage)], DepthRange()
+    for view in views:
+        seen.add(view.known_depth)
+    outputs.tell("pictures", f"{printable_text(things[0])} is out of view", seen if views else "")
 
 
 def _light_of(camera: Camera) -> Light:

@@ -109,6 +109,8 @@ class Outputs:
                 raise ArgumentError(
                     option, "several views for a video, by --frames or from a recording", f"one for {path}"
                 )
+            elif kind == "color" and not path.suffix:
+                raise ArgumentError(option, f"a file, such as {path / 'new.png'}", f"{path}, which has no suffix")
             else:
                 check_output(names[option][0], kind)
         check_outputs(inputs, names)
@@ -196,10 +198,11 @@ class Outputs:
             first = printable_text(empty[0])
             many = f"{len(empty)} of {count} {several} are empty, as {first}" if count else f"{first} is empty"
             print_note(f"{many}: {lacking}")
-        (width, height), covered = self._size, float(np.mean(self._shares))
+        size = self._writers[self._main].size or self._size if self._is_video else self._size
+        (width, height), covered = size, float(np.mean(self._shares))
         words = f"{width}x{height}, {covered:.1%} covered{f'; {depths}' if depths else ''}"
         words = f"{count} {several}, {words}" if count else words
-        tell_written(list(dict.fromkeys(written)), words, frames=len(written), size=self._size, covered=covered)
+        tell_written(list(dict.fromkeys(written)), words, frames=len(written), size=size, covered=covered)
 
     def _names(self, path: Path) -> list[Path]:
         if path in self._films:

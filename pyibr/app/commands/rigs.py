@@ -108,7 +108,7 @@ def _draw(
     """
     inputs = Inputs(sources, drawing.reading)
     kind = ".png" if inputs.numbers is None else ".mp4"
-    main = output / f"{sources[0].stem}{suffix(inputs.size)}{kind}" if output.is_dir() else output
+    main = output / f"{sources[0].stem}{suffix(inputs.size)}{kind}" if output.is_dir() or not output.suffix else output
     outputs = Outputs({"--output": (main, "color")}, drawing.reading.stored, inputs.numbers, drawing.video, inputs.film)
     outputs.check(inputs.files, sources)
     with device_of(drawing.device), outputs:

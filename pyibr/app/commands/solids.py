@@ -13,7 +13,7 @@ import typer
 import pyibr as ibr
 from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.outputs import VideoOptions, check_outputs
-from pyibr.app.commands.things import Up
+from pyibr.app.commands.things import check_up, save_upright
 from pyibr.app.commands.turntable import Turntable, TurntableOptions
 from pyibr.app.options import DeviceName, StoredDepth, device_of, given_of
 from pyibr.capture.sets import SET_FILE
@@ -25,7 +25,6 @@ from pyibr.io.image import read_mask
 from pyibr.io.layouts import find_recording
 from pyibr.io.recordings import cameras_of, paired, posed
 from pyibr.meshes.files import check_mesh_file, is_mesh_file
-from pyibr.meshes.mesh import Mesh
 from pyibr.slicing import DepthObject, VisualHull
 from pyibr.slicing.solid import Missing
 
@@ -93,28 +92,16 @@ def _writer(
         return lambda solid: table.draw(solid, _ball_of(solid), start=solid.views[0].camera)
     if given := [*given_of(turn._replace(up=None)), *given_of(video)]:
         raise ArgumentError(given[0], "a picture or a video for --output", str(output))
-    if turn.up and output.suffix.lower() != ".glb":
-        raise ArgumentError("--up", "a picture, a video or .glb, which has an up direction, for --output", str(output))
+    check_up(turn.up, output)
     check_mesh_file(output, textured=False, colored=True)
     check_outputs(inputs, {"--output": [output]})
 
     def write(solid: DepthObject | VisualHull) -> None:
         mesh = solid.to_mesh(resolution)
-        if turn.up:
-            _upright(mesh, turn.up).save(output, axes="gltf")
-        else:
-            mesh.save(output)
-        tell_written([output], f"{len(mesh.faces)} triangles, closed", triangles=len(mesh.faces))
+        remark = save_upright(mesh, output, turn.up)
+        tell_written([output], f"{len(mesh.faces)} triangles, closed{remark}", triangles=len(mesh.faces))
 
     return write
-
-
-def _upright(mesh: Mesh, up: Up) -> Mesh:
-    """The mesh turned so that y is up, by a cyclic shift of its axes."""
-    vertices = np.roll(mesh.vertices, 1 - "xyz".index(up[-1]), axis=1)
-    return Mesh(
-        vertices * np.array((1, -1, -1), np.float32) if up[0] == "-" else vertices, mesh.faces, colors=mesh.colors
-    )
 
 
 def _ball_of(solid: DepthObject | VisualHull) -> tuple[Float64, float]:

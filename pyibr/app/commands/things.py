@@ -21,17 +21,21 @@ from pyibr.app.options import (
     StoredDepth,
     default_depth_of,
     deviation_of,
+    print_note,
     printable_text,
 )
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
+from pyibr.core.rotations import upright_axes
 from pyibr.images import DepthImage
 from pyibr.io.layouts import may_be_recording
-from pyibr.meshes.files import is_mesh_file
+from pyibr.meshes.files import is_mesh_file, lacked_by
 from pyibr.meshes.mesh import Mesh
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
+WORLD_UP = (0.0, -1.0, 0.0)
+"""Up in pyibr's world, and in GLB files as they are read."""
 
 ThingFiles = Annotated[
     list[Path],
@@ -72,7 +76,10 @@ class ImageOptions(NamedTuple):
                 raise ArgumentError("THINGS", f"a depth file after the image {printable_text(name)}", "none")
             else:
                 things.append(self.image(name, rest.pop(0), exposure))
-        return things, "y" if all(is_mesh_file(name) and customary_up(name) for name in names) else None
+        ups = {customary_up(name) for name in names if is_mesh_file(name)}
+        if len(ups) > 1:
+            print_note("THINGS: y is up in OBJ, PLY, OFF and STL, -y in GLB: convert one of them to the other")
+        return things, "y" if ups == {"y"} and len(things) == len(names) else None
 
     def image(self, color: Path, depth: Path, exposure: Exposure) -> DepthImage:
         """An image with depth."""
@@ -94,7 +101,7 @@ class ImageOptions(NamedTuple):
 
 def customary_up(mesh: Path) -> Up | None:
     """Customary up direction of a mesh file; None for GLB and GLTF, which define it."""
-    return None if mesh.name.lower().endswith((".glb", ".gltf")) else "y"
+    return None if mesh.name.lower().removesuffix(".gz").endswith((".glb", ".gltf")) else "y"
 
 
 def direction_of(up: Up | None) -> tuple[float, ...] | None:
@@ -103,3 +110,31 @@ def direction_of(up: Up | None) -> tuple[float, ...] | None:
         return None
     sign = -1.0 if up.startswith("-") else 1.0
     return tuple(sign * float(axis == up[-1]) for axis in "xyz")
+
+
+def check_up(up: Up | None, *files: Path) -> None:
+    """Raise ArgumentError if --up is given for mesh files that it does not change."""
+    if up and [customary_up(file) for file in files].count(None) != 1:
+        got = " and ".join(printable_text(file) for file in files)
+        raise ArgumentError("--up", "a .glb, which has an up direction, on one side", got)
+
+
+def save_upright(mesh: Mesh, path: Path, up: Up | None, source: Path | None = None) -> str:
+    """Write a mesh, upright in GLB; return remarks on its up direction and on arrays that the format lacks.
+
+    source: the file of the mesh, read with glTF's axes. up: up direction in files other than GLB; by default y in
+    `source`, and -y in the world of cameras.
+    """
+    to_gltf, of_gltf = (file is not None and customary_up(file) is None for file in (path, source))
+    known, remark = up or ("-y" if source is None else "y"), ""
+    if to_gltf != of_gltf:
+        axes = upright_axes(direction_of(known) or WORLD_UP)
+        axes = axes.T if of_gltf else axes
+        normals = None if mesh.normals is None else mesh.normals @ axes
+        mesh = mesh.replaced(vertices=mesh.vertices @ axes + 0.0, normals=normals)  # no -0
+        remark = "" if source is None else f"; {known} is up in {printable_text((source if to_gltf else path).name)}"
+    elif source is None:
+        remark = f"; in other commands, --up {known} shows it upright"
+    lost = [name for name in lacked_by(path) if getattr(mesh, name) is not None]
+    mesh.replaced(**dict.fromkeys(lost)).save(path, axes="gltf")
+    return remark + (f"; left out, as {path.suffix} cannot hold them: {', '.join(lost)}" if lost else "")

@@ -111,6 +111,13 @@ def _is_no_foreign_page(record: logging.LogRecord) -> bool:
 
 @contextlib.contextmanager
 def _quiet() -> Any:
-    """Context without viser's output."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        yield
+    """Context without viser's output, which rich writes to notebooks, not to standard output."""
+    import rich
+
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        console.quiet = before

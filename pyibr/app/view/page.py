@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 _STATUS_SECONDS = 0.3  # seconds between two updates of the frame times while the camera moves
 _THUMB = 96  # longer side of a picture in a frustum, in pixels
-_FRUSTUM = 0.35  # size of a source's frustum in units of the page
+_FRUSTUM = 0.2  # size of a source's frustum in units of the page
+_CLEAR = 1.0  # units of the page: closer frusta would cover much of the picture
 _PLAYED = 1 / 30  # seconds between two cameras of a path
 
 
@@ -134,12 +135,12 @@ class ViewPage:
         self.stream.with_depth = shown and bool(self._frusta)
 
     def _hide_frusta_at(self, camera: Camera) -> None:
-        """Hide a source's frustum near the camera, where its picture would occlude everything."""
+        """Hide a source's frustum near the camera, where its picture would occlude much of the view."""
         if not self.stream.with_depth:
             return
         at = self.scene.page_space.point(camera.center)
         for frustum in self._frusta:
-            near = float(np.linalg.norm(frustum.position - at)) < 1.5 * _FRUSTUM
+            near = float(np.linalg.norm(frustum.position - at)) < _CLEAR
             if frustum.visible == near:
                 frustum.visible = not near
 

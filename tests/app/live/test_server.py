@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import re
 import socket
 import threading
@@ -46,6 +47,19 @@ def test_it_listens_on_the_loopback_alone_and_prints_nothing(capfd: pytest.Captu
     assert url_of(server) == f"http://{HOST}:{server.get_port()}"
     stop_server(server)
     assert capfd.readouterr().out == ""
+
+
+def test_it_prints_nothing_in_a_notebook():
+    """In notebooks, rich displays what it prints; it does not write to standard output."""
+    rich = pytest.importorskip("rich")
+    shown, console = io.StringIO(), rich.get_console()
+    before = console.file
+    console.file = shown
+    try:
+        stop_server(start_server(0, "test"))
+        assert shown.getvalue() == "" and not console.quiet
+    finally:
+        console.file = before
 
 
 def test_a_taken_port_is_passed_over():

@@ -1,4 +1,4 @@
-"""Processes that tests start."""
+"""Processes that tests and benchmarks start."""
 
 from __future__ import annotations
 

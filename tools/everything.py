@@ -1,4 +1,4 @@
-"""Calls of all systems, which together launch every kernel, for tests of launches."""
+"""Calls of all systems, which together launch every kernel, for tests and measurements of launches."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pyibr.picture.drawable import as_drawable
 from pyibr.picture.surface import surface_of
 from pyibr.picture.unseen import MarkedUnseen
 from pyibr.warp import blending
-from tests import scenes
+from tools import scenes
 
 Call = Callable[[], list[NDArray[Any]]]
 SIZE = (61, 37)
