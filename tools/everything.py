@@ -94,7 +94,7 @@ def _registered() -> list[NDArray[Any]]:
 
 def _cleaned() -> list[NDArray[Any]]:
     view = view_of(scenes.holed)
-    color = view.color.astype(np.float32) / 255
+    color = view.color.astype(np.float32) / np.float32(255)
     first = ibr.clean_depth(np.where(view.valid, view.depth, np.float32(np.nan)), view.color)
     return [*first, *ibr.clean_depth(view.depth, color, before=first.depth), ibr.sharpen_depth(view.depth)]
 

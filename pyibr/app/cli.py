@@ -80,7 +80,7 @@ class _Command(TyperCommand):
     """Takes no option's name as another option's value, and names wrong values."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        options = {name: one for one in self.params for name in one.opts if name.startswith("-")}
+        options: dict[str, Any] = {name: one for one in self.params for name in one.opts if name.startswith("-")}
         values = dict[object, str]()
         for number, word in enumerate(itertools.takewhile("--".__ne__, args), 1):
             one = options.get(word)

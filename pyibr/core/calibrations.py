@@ -378,11 +378,11 @@ def _of_rows(rows: list[list[float]], size: Size) -> Arguments:
 
 def _lens_in(tree: _Tree, coefficients: Any = None) -> Lens | None:
     """The lens beside K by its model's name: of these coefficients, or of the mapping's own by name."""
-    inside: dict[str, Any] = coefficients if isinstance(coefficients, dict) else {}
+    inside: _Tree = cast(_Tree, coefficients) if isinstance(coefficients, dict) else {}
     kind, own = _lens_kind({**tree, **inside}), _by_name(tree)
     if coefficients is not None and any(own.values()):
         raise ArgumentError("distortion", "coefficients in a list or by name", "both")
-    values = inside.get("coeffs", inside.get("data")) if inside else coefficients
+    values: Any = inside.get("coeffs", inside.get("data")) if inside else coefficients
     if values is not None:
         return conventions.lens_of_kind(kind, values)
     own = own if coefficients is None else _by_name(inside)

@@ -55,8 +55,13 @@ def _is_numpy(path: _Path) -> bool:
 def read_hdf5(path: _Path, channel: str | None = None, *usual: str) -> NDArray[Any]:
     """Return the array `channel`; by default the first of "dataset" and the usual names, or the only array."""
     library, names = h5py(), list[str]()
+
+    def note(name: str, one: Any) -> None:
+        if isinstance(one, library.Dataset):
+            names.append(name)
+
     with reading(path, "HDF5") as source, library.File(source, "r") as file:
-        file.visititems(lambda name, one: names.append(name) if isinstance(one, library.Dataset) else None)
+        file.visititems(note)
         wanted = ("dataset", *usual) if channel is None else (channel.strip("/"),)
         name = next((name for name in wanted if name in names), names[0] if len(names) == 1 and not channel else None)
         if name is None:

@@ -99,7 +99,7 @@ def _of_16_bits(picture: Any, data: bytes) -> NDArray[np.uint16] | None:
     args = [(kind[0][:-1] + _OTHER_ORDER[kind[0][-1]], *kind[1:]) for kind in kinds]
     with Image.open(io.BytesIO(data)) as lower:
         lower.tile = [tile._replace(args=own) for tile, own in zip(lower.tile, args, strict=True)]
-        return np.array(picture, np.uint16) << 8 | np.array(lower)
+        return np.bitwise_or(np.array(picture, np.uint16) << 8, np.array(lower), dtype=np.uint16)
 
 
 def gray_of(stored: NDArray[Any], name: str | PathLike[str]) -> NDArray[Any]:

@@ -55,8 +55,8 @@ def read_poses(path: str | PathLike[str]) -> Poses:
         One of these forms:
 
         - a text file with lines ``time tx ty tz qx qy qz qw`` (TUM RGB-D), maybe with a node's number after it
-          (RTAB-Map). A header that names the columns of a position and a quaternion, such as ``qw``, gives another order
-          or further columns (EuRoC, RTAB-Map, rostopic);
+          (RTAB-Map). A header that names the columns of a position and a quaternion, such as ``qw``, gives another
+          order or further columns (EuRoC, RTAB-Map, rostopic);
         - a text file with lines of 12 (KITTI) or 16 numbers, or one more with the time first;
         - a text file of 4 x 4 matrices, one row a line (7-Scenes). A line of 3 numbers may precede each, the frame's
           number first (Redwood, Open3D);
