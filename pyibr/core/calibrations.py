@@ -376,9 +376,14 @@ def _of_rows(rows: list[list[float]], size: Size) -> Arguments:
     return _arguments(values[:count], size, conventions.lens_of_kind("opencv", values[count:]))
 
 
+def _mapping(value: Any) -> _Tree:
+    """The value if it is a mapping, else an empty one."""
+    return cast(_Tree, value) if isinstance(value, dict) else {}
+
+
 def _lens_in(tree: _Tree, coefficients: Any = None) -> Lens | None:
     """The lens beside K by its model's name: of these coefficients, or of the mapping's own by name."""
-    inside: _Tree = cast(_Tree, coefficients) if isinstance(coefficients, dict) else {}
+    inside = _mapping(coefficients)
     kind, own = _lens_kind({**tree, **inside}), _by_name(tree)
     if coefficients is not None and any(own.values()):
         raise ArgumentError("distortion", "coefficients in a list or by name", "both")
