@@ -58,6 +58,22 @@ INLINED intl length_of_run(global const float *at, int step, intl inside, floatl
     return length;
 }
 
+/* Clamps nearness to the range of the samples within RAMP_REACH along a direction and against it. */
+INLINED floatl clamped_to_range(floatl value, global const float *at, int step, intl ahead, intl behind)
+{
+    floatl low = load_lanes(at), high = low;
+    for (int t = -RAMP_REACH; t <= RAMP_REACH; t++) {
+        const intl inside = (t <= ahead) & (-t <= behind);
+        if (!any_lane(inside))
+            continue;
+        const floatl near = load_lanes(at + t * step);
+        const intl is_known = inside & (near > 0.0f);
+        low = select_lanes(is_known, min_lanes(low, near), low);
+        high = select_lanes(is_known, max_lanes(high, near), high);
+    }
+    return clamp_lanes(value, low, high);
+}
+
 /* The surface at the end of a ramp, extrapolated back to the sample */
 INLINED floatl continued(global const float *values, int at, int step, intl end, intl length, intl inside, floatl steep)
 {
@@ -96,7 +112,10 @@ INLINED void sharpen_along(global const float *values, ImagePlane plane, int x, 
     const floatl apart = high - low, above = sign * own - low, below = high - sign * own;
     const intl is_edge = ends & (to + from >= 2) & (apart > APART * max_lanes(fabs(high), fabs(low))) &
                          (min_lanes(above, below) > -BEYOND * apart) & (steep > *steepest);
-    *found = select_lanes(is_edge, sign * select_lanes(above < below, low, high), *found);
+    if (!any_lane(is_edge))
+        return;
+    const floatl closer = sign * select_lanes(above < below, low, high);
+    *found = select_lanes(is_edge, clamped_to_range(closer, values + at, step, ahead, behind), *found);
     *steepest = select_lanes(is_edge, steep, *steepest);
 }
 
