@@ -11,15 +11,7 @@ import typer
 import pyibr as ibr
 from pyibr.app.commands.exposure import Exposure
 from pyibr.app.commands.heights import HEIGHT_HELP, MapOptions
-from pyibr.app.commands.things import (
-    WORLD_UP,
-    ImageOptions,
-    StartCamera,
-    ThingFiles,
-    UpOption,
-    customary_up,
-    direction_of,
-)
+from pyibr.app.commands.things import ImageOptions, StartCamera, ThingFiles, UpOption, direction_of, upward_of
 from pyibr.app.live.pages import Pages
 from pyibr.app.options import DeviceName, device_of, given_of, printable_text
 from pyibr.app.place import place as place_page
@@ -92,7 +84,7 @@ def place(
         raise ArgumentError("--output", "a folder for the set, with --no-page", "none")
     with device_of(device):
         known = Mesh.load(mesh)
-        upward = direction_of(up or customary_up(mesh)) or WORLD_UP
+        upward = upward_of(mesh, up)
         given, about = ([], {}) if frusta is None else load_frusta(frusta)
         part = part_of(about, frusta or "") if within is None else np.sort(np.reshape(within, (2, 3)), axis=0)
         surface = surface_of(known, within=part)

@@ -183,7 +183,9 @@ def test_a_negative_number_is_a_value(scene: Scene):
 def test_a_folder_is_no_picture(scene: Scene, command):
     where = scene.folder / "new"
     how = ("--orbit", 1) if command == "warp" else ("--swing", 1)
-    assert_one_line(scene.run(*how, "-o", f"{where}/", command=command), f"such as {where}/new.png, got {where}, which")
+    assert_one_line(
+        scene.run(*how, "-o", f"{where}/", command=command), f"such as {where}/new.png, got {where} without"
+    )
 
 
 def test_help_shows_an_example():

@@ -109,6 +109,15 @@ def test_a_folder_that_is_missing_is_made(scene: Scene, command: str):
         assert result.exit_code == 0 and len(list((scene.folder / name).glob("color_*.png"))) == 1, result.output
 
 
+def test_meshes_with_different_up_directions_are_reported(tmp_path: Path):
+    for name in ("a.ply", "b.glb"):
+        ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).save(tmp_path / name)
+    words = "--frames", 1, "--size", 20, 20, "-o", tmp_path / "c.png"
+    said = "THINGS: y is up in OBJ, PLY, OFF and STL, -y in GLB: convert one of them"
+    assert said in run("orbit", tmp_path / "a.ply", tmp_path / "b.glb", *words).stderr
+    assert said not in run("orbit", tmp_path / "a.ply", *words).stderr
+
+
 def test_a_path_goes_through_its_cameras(scene: Scene):
     """`--path` takes a camera path as `pyibr view` saves it, or a list of cameras."""
     ends = [scene.camera, scene.camera.moved(0, 0, -2)]

@@ -412,7 +412,7 @@ def test_empty_space_is_no_hole_to_fill(far, projection, way, lanes):
 
 @pytest.mark.parametrize("way", ["background", "smooth"])
 def test_unknown_depth_and_holes_before_surfaces_are_filled(way, lanes):
-    """Where depth is unknown, and beside a box before a wall below the sky, all is filled; the sky is not."""
+    """Unknown depth is filled, and so is the hole beside a box before a wall; the sky above the wall is not."""
     view = ball_before_nothing(np.nan)
     assert np.isfinite(ibr.warp(view, view.camera.moved(0.4, 0, 0), fill=way).depth).all()
     y = np.mgrid[:61, :83][0]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.outputs import check_outputs
 from pyibr.app.commands.progress import with_progress
-from pyibr.app.commands.things import WORLD_UP, UpOption, customary_up, direction_of
+from pyibr.app.commands.things import UpOption, direction_of, upward_of
 from pyibr.app.options import DeviceName, device_of, print_note, printable_text
 from pyibr.capture.frusta import load_frusta, save_set
 from pyibr.capture.raycast import Layer, MeshScene, object_cameras
@@ -63,7 +63,7 @@ def capture(
             views = _of_frusta(known, frusta, size, output, direction_of(up))
         else:
             scene = MeshScene.from_mesh(known)
-            scene.up = direction_of(up or customary_up(mesh)) or WORLD_UP
+            scene.up = upward_of(mesh, up)
             whole = object_cameras(scene, size or _SIZE, projection=projection)
             cameras = read_cameras(camera) if camera else dict(zip(_AXES, whole, strict=True))
             views = _of_cameras(scene, cameras, layer)

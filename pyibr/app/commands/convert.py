@@ -84,10 +84,7 @@ def convert(
     elif form is not None or suffix in ("", ".json"):
         _convert_cameras(source, output, form or _form_of(output), size, recording)
     elif recording is not None and source.is_dir():
-        expected = (
-            "a folder for a recording, or .json for its cameras; for its depth alone, SOURCE is the depth's folder"
-        )
-        raise ArgumentError("--output", expected, str(output))
+        raise ArgumentError("--output", "a folder for a recording, or .json for its cameras", str(output))
     else:
         stored, of_integers = reading.stored, suffix in _OF_INTEGERS
         scale = stored.depth_scale if to_scale is None and of_integers else to_scale

@@ -59,21 +59,18 @@ class MapOptions(NamedTuple):
         color = np.full((1, 1, 3), 200, np.uint8) if mesh.texture is None else mesh.texture
         if self.color is not None:
             color = exposure.read(self.color)
-        tiles = checked_tiles(self.tiles, wrap)
-        of_color = (1, 1) if self.color is None and mesh.texture is not None else tiles
-        of_color = checked_tiles(self.color_tiles or of_color, wrap, "--color-tiles")
-        common = np.gcd(tiles, of_color)
+        tiles, is_own = checked_tiles(self.tiles, wrap), self.color is None and mesh.texture is not None
+        of_color = checked_tiles(self.color_tiles or ((1, 1) if is_own else tiles), wrap, "--color-tiles")
+        common = np.gcd(tiles, of_color)  # repetitions of all maps; the rest is in the images
 
         def repeated(image: NDArray[Any], times: tuple[int, int]) -> NDArray[Any]:
-            """Repeat a map, so that `common` repetitions of it are `times` of the image."""
-            across, down = times // common
-            return np.tile(image, (down, across, 1)[: image.ndim])
+            return np.tile(image, (times[1] // common[1], times[0] // common[0], 1)[: image.ndim])
 
         shown, raised = repeated(color, of_color), repeated(heights, tiles)
         bumps = None if normals is None else repeated(normals, tiles)
 
         def made(kind: Callable[..., _Surface], **how: Any) -> _Surface:
-            about = {"tiles": (int(common[0]), int(common[1])), "normal_map": bumps, "wrap": wrap}
+            about = {"tiles": tuple(common.tolist()), "normal_map": bumps, "wrap": wrap}
             return kind(mesh, raised, shown, self.scale, **about, **how)
 
         return made

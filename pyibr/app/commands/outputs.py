@@ -110,7 +110,7 @@ class Outputs:
                     option, "several views for a video, by --frames or from a recording", f"one for {path}"
                 )
             elif kind == "color" and not path.suffix:
-                raise ArgumentError(option, f"a file, such as {path / 'new.png'}", f"{path}, which has no suffix")
+                raise ArgumentError(option, f"a file, such as {path / 'new.png'}", f"{path} without a suffix")
             else:
                 check_output(names[option][0], kind)
         check_outputs(inputs, names)

@@ -34,8 +34,7 @@ from pyibr.meshes.files import is_mesh_file, lacked_by
 from pyibr.meshes.mesh import Mesh
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
-WORLD_UP = (0.0, -1.0, 0.0)
-"""Up in pyibr's world, and in GLB files as they are read."""
+_WORLD_UP = (0.0, -1.0, 0.0)  # in pyibr's world, and in GLB files as they are read
 
 ThingFiles = Annotated[
     list[Path],
@@ -112,6 +111,11 @@ def direction_of(up: Up | None) -> tuple[float, ...] | None:
     return tuple(sign * float(axis == up[-1]) for axis in "xyz")
 
 
+def upward_of(mesh: Path, up: Up | None) -> tuple[float, ...]:
+    """Up direction of a mesh file in pyibr's world, by --up or by custom."""
+    return direction_of(up or customary_up(mesh)) or _WORLD_UP
+
+
 def check_up(up: Up | None, *files: Path) -> None:
     """Raise ArgumentError if --up is given for mesh files that it does not change."""
     if up and [customary_up(file) for file in files].count(None) != 1:
@@ -128,7 +132,7 @@ def save_upright(mesh: Mesh, path: Path, up: Up | None, source: Path | None = No
     to_gltf, of_gltf = (file is not None and customary_up(file) is None for file in (path, source))
     known, remark = up or ("-y" if source is None else "y"), ""
     if to_gltf != of_gltf:
-        axes = upright_axes(direction_of(known) or WORLD_UP)
+        axes = upright_axes(direction_of(known) or _WORLD_UP)
         axes = axes.T if of_gltf else axes
         normals = None if mesh.normals is None else mesh.normals @ axes
         mesh = mesh.replaced(vertices=mesh.vertices @ axes + 0.0, normals=normals)  # no -0
