@@ -27,6 +27,7 @@ from pyibr.opencl.watch import watching
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.surface import surface_of
 from pyibr.picture.unseen import MarkedUnseen
+from pyibr.raster.rays import triangles_met
 from pyibr.warp import blending
 from tests import scenes
 from tests.opencl.setting import KINDS, Launches, Poisoned, Ran, Setting, kernels_of
@@ -181,6 +182,15 @@ def _meshes(setting: Setting) -> Cases:
                 name = f"meshes, texture {texture_size}, {camera.size}, {light}"
                 yield name, partial(_draw, setting, [first, second, plain], camera, light)
                 yield f"{name}, filtered", partial(_draw, setting, [first], camera, light, 3)
+
+
+def _rays(setting: Setting) -> Cases:
+    """First and last triangles on rays, of pinholes and of a lens."""
+    corners, faces = np.float64(_square()[0]), np.int32(_square()[1])
+    lens = ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0])
+    for screen, last, bent in product(_screens(setting), (False, True), (None, lens)):
+        camera = ibr.Camera(screen.K, screen.size, lens=bent)
+        yield f"rays {camera.size} {last} {bent}", partial(triangles_met, camera, corners, faces, last=last)
 
 
 def _marked(setting: Setting) -> Cases:
@@ -383,7 +393,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], tuple[Callable[[Setting], Cases], ...]]
         ("lib", "picture", "cleaning", "warp"),
         (_registrations, _splats, _lenses, _bridges, _bounds, _relit, _marked, _ribbons, _cleanings, _warps),
     ),
-    "slices": (("raster", "slicing"), (_meshes, _sorted, _surfaces, _objects)),
+    "slices": (("raster", "slicing"), (_meshes, _rays, _sorted, _surfaces, _objects)),
     "reliefs": (("relief",), (_reliefs,)),
     "depth meshes": (("depthmesh",), (_depth_meshes,)),
 }
