@@ -69,7 +69,7 @@ def test_no_two_outputs_are_one(scene: Scene, monkeypatch: pytest.MonkeyPatch):
     [
         (("-o", "a.xyz"), "no image format .xyz"),
         (("-o", "a.mp4"), "--output: expected several views for a video, by --frames or from a recording, got one"),
-        (("-o", "a"), "no suffix"),
+        (("-o", "a"), "without a suffix"),
         (("-o", "a.png", "--depth-out", "b.jpg"), "no depth format .jpg"),
         (("-o", "a.png", "--valid-out", "b.pfm"), "no image format .pfm"),
         (("-o", "camera.json/a.png"), "camera.json is not a folder"),
