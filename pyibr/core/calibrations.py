@@ -128,7 +128,7 @@ def _is_upward(K: object) -> bool:
 
 
 def _as_told(tree: object, path: str | PathLike[str], size: Size, unread: list[str]) -> Cameras:
-    """The cameras of a tree as stored, possibly with y up; names of what is not read are added to `unread`."""
+    """The cameras of a tree as stored, possibly with y up; the names of unread keys are added to `unread`."""
     if is_matrix(tree):
         return {"": partial(_of_rows, cast("list[list[float]]", tree), size)}
     found = _below(tree, path, size, unread, {})
@@ -382,7 +382,7 @@ def _mapping(value: Any) -> _Tree:
 
 
 def _lens_in(tree: _Tree, coefficients: Any = None) -> Lens | None:
-    """The lens beside K by its model's name: of these coefficients, or of the mapping's own by name."""
+    """The lens beside K, by its model's name, from these coefficients or from the mapping's keys."""
     inside = _mapping(coefficients)
     kind, own = _lens_kind({**tree, **inside}), _by_name(tree)
     if coefficients is not None and any(own.values()):

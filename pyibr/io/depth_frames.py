@@ -51,7 +51,7 @@ class DepthFrames:
     ----------
     path : Path
     source : Video, or an array
-        What the frames are read from.
+        The file that the frames are read from.
 
     Examples
     --------

@@ -33,7 +33,7 @@ def kind_of(name: str) -> str:
 
 
 def choose(path: Path, kind: Literal["depth", "color"], misfits: Mapping[str, int], wanted: object = None) -> str:
-    """The wanted topic or track, or the one of this kind by name and form; the choice among several is reported.
+    """Choose the wanted topic or track, or else one of this kind by name and form; report a choice among several.
 
     misfits: 0 for names whose images have the kind's form, 1 if they may have the kind, 2 if not.
     """

@@ -62,7 +62,7 @@ class Video:
     ----------
     path : path
     track : str or int, optional
-        Title or number of the track. Default: of several, the one whose title or pixels have the kind; it is reported.
+        Title or number of the track. By default, title and pixel format decide among several; the choice is reported.
     kind : {"color", "depth"}
 
     Raises

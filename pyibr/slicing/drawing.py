@@ -155,7 +155,7 @@ def _direction(camera: Camera, box: Box) -> Float64:
 
 
 def _blocks(target: Target, box: Box, near: float) -> tuple[int, int, int, int]:
-    """Return first x, first y, blocks across and blocks down: of a blank picture, else of the part with the box."""
+    """Return first x, first y, blocks across and blocks down for a blank picture, or for the part with the box."""
     block = current().profile.block
     width, height = target.camera.size
     low_x = low_y = 0

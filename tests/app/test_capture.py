@@ -61,7 +61,7 @@ def test_from_cameras_of_a_file_or_of_a_set(mesh: Path, tmp_path: Path):
 
 @pytest.mark.parametrize(("words", "up"), [((), "y"), (("--up", "z"), "z"), (("--up", "-x"), "-x")])
 def test_up_is_up_in_the_images_and_lit(mesh: Path, tmp_path: Path, words, up):
-    """The camera's vertical axis is the mesh's, in the four views from aside; the view from above is the lightest."""
+    """The camera's vertical axis is the mesh's, in the four side views; the view from above is the lightest."""
     assert run(mesh, *words, "--size", 40, "-o", tmp_path / "set").exit_code == 0
     views, upward = ibr.load(tmp_path / "set"), np.array(direction_of(up))
     aside = [view for view in views if abs(view.camera.forward @ upward) < 0.5]

@@ -1,4 +1,4 @@
-"""Of the topics in a bag, and the tracks in a video, the right one is depth: by name and form, or by choice."""
+"""Name and form, or the user's choice, decide which topic of a bag and which track of a video is depth."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def changes(views: Sequence[ibr.DepthImage]) -> list[list[ibr.DepthImage]]:
 
 
 def same(expected: ibr.DepthObject | ibr.VisualHull, *found: ibr.DepthObject | ibr.VisualHull) -> None:
-    """Equal pictures and boxes; of objects, which have normals, lit ones too."""
+    """Pictures and boxes are equal. Objects have normals, so their lit pictures are equal, too."""
     light = ibr.Light(direction=(0.3, -0.4, -1), shadow_size=64)
     for lit in (None, light) if isinstance(expected, ibr.DepthObject) else (None,):
         a = ibr.render(expected, CAMERA, lit)

@@ -16,7 +16,7 @@ from pyibr.core.optional import fsspec
 FOLDER = "manifest"
 PART = ".part-"  # prefix of the folders that workers write in
 _FAILED = "failed.json"
-_ODD = (ValueError, TypeError, LookupError, AttributeError, RecursionError)  # of lines that are no entries
+_ODD = (ValueError, TypeError, LookupError, AttributeError, RecursionError)  # raised by lines that are no entries
 _SECONDS = 5.0  # between a task's end and its entry in the manifest: a crash repeats at most so much work
 
 

@@ -93,7 +93,7 @@ def find_bag(folder: Path, channel: str | None = None) -> Recording | None:
 
 
 def _chosen(path: Path, topics: dict[str, _Images], channel: str | None) -> tuple[_Images, _Images]:
-    """The topics of depth and of colours: of one device, if there are several."""
+    """Topics of depth and colours; if there are several devices, both are from one."""
     encodings = {topic: one.encoding for topic, one in topics.items()}
     misfits = {topic: _MISFITS.get(encoding, 2) for topic, encoding in encodings.items()}
     depth = choose(path, "depth", {topic: k for topic, k in misfits.items() if k < 2 or channel is None}, channel)

@@ -49,7 +49,7 @@ def find_tracks(path: Path, channel: str | None = None) -> Recording | None:
 
 
 def _attached(name: str, data: bytes, shape: tuple[int, ...], kind: str) -> Camera:
-    """The camera for images of this shape in a calibration; of several, the one whose name has the kind."""
+    """The camera for images of this shape in a calibration; if several fit, the camera whose name has the kind."""
     size = shape[1], shape[0]
     with making(name):
         makers = chosen(cameras_in(json.loads(data), name, size), None, name, size)
