@@ -110,6 +110,11 @@ def register(
     ArgumentError
         If shapes, dtypes and cameras do not fit, or there is no depth at all.
 
+    Warns
+    -----
+    UserWarning
+        If the cameras differ, but both stand at the origin: the pose between them may be missing.
+
     Examples
     --------
     >>> import numpy as np
@@ -161,6 +166,11 @@ def register_color(
     ------
     ArgumentError
         If shapes, dtypes and cameras do not fit, or there is no depth at all.
+
+    Warns
+    -----
+    UserWarning
+        If the cameras differ, but both stand at the origin: the pose between them may be missing.
 
     Examples
     --------
