@@ -21,8 +21,6 @@ Axes = Literal["opencv", "gltf"]
 
 _READERS = {".glb": gltf, ".gltf": gltf, ".obj": obj, ".off": off, ".ply": ply, ".stl": stl}
 _WRITTEN = (".glb", ".obj", ".off", ".ply", ".stl")
-_TEXTURED = (".glb", ".obj")
-_COLORED = (".glb", ".obj", ".off", ".ply")
 _LACKED = {
     ".ply": ("texture", "uv"),
     ".off": ("texture", "uv", "normals"),
@@ -57,11 +55,14 @@ def read_mesh(path: str | PathLike[str], axes: Axes) -> MeshArrays:
 
 def write_mesh(path: str | PathLike[str], mesh: MeshArrays, axes: Axes, double_sided: bool) -> None:
     """Write a mesh from a world with these axes: either all its files, or none."""
-    check_mesh_file(path, mesh.texture is not None, mesh.colors is not None)
+    check_mesh_file(path)
     one_of("axes", axes, Axes)
     file = checked_path(path)
     kind = file.suffix.lower()
-    shown = replace(mesh, texture=None) if kind not in _TEXTURED else mesh
+    lost = [name for name in _LACKED.get(kind, ()) if getattr(mesh, name) is not None]
+    shown = replace(mesh, **dict.fromkeys(lost))
+    if shown.colors is None and lost:  # else colours stand for the texture
+        warnings.warn(f"{file}: left out, as {kind} cannot hold them: {', '.join(lost)}", stacklevel=3)
     if shown.texture is not None:
         shown = replace(shown, colors=None)  # other programs would multiply the two
     if kind == ".glb":
@@ -77,21 +78,13 @@ def write_mesh(path: str | PathLike[str], mesh: MeshArrays, axes: Axes, double_s
         write_atomically(file, module.mesh_bytes(shown))
 
 
-def check_mesh_file(path: str | PathLike[str], textured: bool, colored: bool) -> None:
-    """Raise the errors of `write_mesh` for this name and a mesh with a texture or colours; nothing is written."""
+def check_mesh_file(path: str | PathLike[str]) -> None:
+    """Raise the errors of `write_mesh` for this name; nothing is written."""
     file = checked_path(path)
     kind = file.suffix.lower()
     if kind not in _WRITTEN:
         raise ArgumentError("path", f"a file that ends in one of {', '.join(_WRITTEN)}", str(file))
-    if textured and kind not in _TEXTURED and not (colored and kind in _COLORED):
-        kinds = _TEXTURED if not colored else [one for one in _WRITTEN if one in _TEXTURED or one in _COLORED]
-        raise ArgumentError("path", f"a file that can hold the texture: {' or '.join(kinds)}", str(file))
     check_writable(file)
-
-
-def lacked_by(path: str | PathLike[str]) -> tuple[str, ...]:
-    """Names of the arrays of a mesh that a file's format cannot store."""
-    return _LACKED.get(checked_path(path).suffix.lower(), ())
 
 
 def _write_once(file: Path, data: bytes) -> None:

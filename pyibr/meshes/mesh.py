@@ -197,7 +197,8 @@ class Mesh(Immutable, Shown):
         """Write the whole mesh, or leave the old file. A missing folder is made.
 
         GLB stores everything except `attributes`. OBJ also lacks `sides`, PLY also lacks uv, OFF also lacks normals,
-        and STL stores only triangles. If there is a texture, GLB and OBJ leave `colors` out. An OBJ file's texture and
+        and STL stores only triangles; without colours in their place, a UserWarning lists the arrays left out. If there
+        is a texture, GLB and OBJ leave `colors` out. An OBJ file's texture and
         material are two more files. Their names begin with the OBJ's own and contain a checksum of the texture, so that
         they overwrite no other OBJ's files.
 
@@ -212,7 +213,7 @@ class Mesh(Immutable, Shown):
         Raises
         ------
         ArgumentError
-            If the suffix is unknown, or the format cannot store the mesh's texture.
+            If the suffix is unknown.
         FileFormatError
             If the file cannot be written.
         """

@@ -42,7 +42,7 @@ def convert(folder: Path, *words: object, status: int = 0) -> str:
     ]
     result = run("convert", *named)
     assert result.exit_code == status and "Traceback" not in result.output, result.output
-    return result.stdout if status == 0 else result.stderr.strip().splitlines()[-1]
+    return result.output if status == 0 else result.stderr.strip().splitlines()[-1]
 
 
 # ---- cameras
@@ -182,7 +182,7 @@ def test_contents_that_a_format_lacks_are_left_out_and_reported(folder: Path, ki
     painted = ibr.Mesh(UPRIGHT.vertices, UPRIGHT.faces, uv=uv, normals=normals, texture=np.zeros((2, 2, 3), np.uint8))
     painted.save(folder / "painted.glb")
     said = convert(folder, "painted.glb", "-o", f"bare.{kind}")
-    assert f"; left out, as .{kind} cannot hold them: {lost}\n" in said
+    assert f"bare.{kind}: left out, as .{kind} cannot hold them: {lost}\n" in said
     found = ibr.Mesh.load(folder / f"bare.{kind}")
     assert found.texture is None and found.uv is None and (found.normals is None) == ("normals" in lost)
 

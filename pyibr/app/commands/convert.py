@@ -98,7 +98,7 @@ def convert(
 
 def _convert_mesh(source: Path, output: Path, up: Up | None) -> None:
     check_outputs({"SOURCE": [source]}, {"--output": [output]})
-    check_mesh_file(output, textured=False, colored=False)
+    check_mesh_file(output)
     check_up(up, source, output)
     mesh = ibr.Mesh.load(source, axes="gltf")
     remark = save_upright(mesh, output, up, source)

@@ -40,7 +40,7 @@ def mesh(
     """Turn an image with depth into a textured triangle mesh, simplified to an error or a number of triangles."""
     camera = [options.camera] if options.camera else []
     check_outputs({"COLOR": [color], "DEPTH": [depth], "--camera": camera}, {"--output": [output]})
-    check_mesh_file(output, textured=True, colored=True)
+    check_mesh_file(output)
     check_up(up, output)
     with device_of(device):
         with Exposure(options.exposure) as exposed:

@@ -93,7 +93,7 @@ def _writer(
     if given := [*given_of(turn._replace(up=None)), *given_of(video)]:
         raise ArgumentError(given[0], "a picture or a video for --output", str(output))
     check_up(turn.up, output)
-    check_mesh_file(output, textured=False, colored=True)
+    check_mesh_file(output)
     check_outputs(inputs, {"--output": [output]})
 
     def write(solid: DepthObject | VisualHull) -> None:

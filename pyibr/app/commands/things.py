@@ -30,7 +30,7 @@ from pyibr.core.files import check_exists
 from pyibr.core.rotations import upright_axes
 from pyibr.images import DepthImage
 from pyibr.io.layouts import may_be_recording
-from pyibr.meshes.files import is_mesh_file, lacked_by
+from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.mesh import Mesh
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -124,7 +124,7 @@ def check_up(up: Up | None, *files: Path) -> None:
 
 
 def save_upright(mesh: Mesh, path: Path, up: Up | None, source: Path | None = None) -> str:
-    """Write a mesh, upright in GLB; return remarks on its up direction and on arrays that the format lacks.
+    """Write a mesh, upright in GLB; return a remark on its up direction.
 
     source: the file of the mesh, read with glTF's axes. up: up direction in files other than GLB; by default y in
     `source`, and -y in the world of cameras.
@@ -139,6 +139,5 @@ def save_upright(mesh: Mesh, path: Path, up: Up | None, source: Path | None = No
         remark = "" if source is None else f"; {known} is up in {printable_text((source if to_gltf else path).name)}"
     elif source is None:
         remark = f"; in other commands, --up {known} shows it upright"
-    lost = [name for name in lacked_by(path) if getattr(mesh, name) is not None]
-    mesh.replaced(**dict.fromkeys(lost)).save(path, axes="gltf")
-    return remark + (f"; left out, as {path.suffix} cannot hold them: {', '.join(lost)}" if lost else "")
+    mesh.save(path, axes="gltf")
+    return remark
