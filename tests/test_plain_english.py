@@ -96,6 +96,7 @@ def test_riddles_are_found():
     assert not is_riddle("The margins of connected surfaces are wider than those of cut ones.")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("group", GROUPS)
 def test_texts_are_plain(group: str):
     places = [ROOT / name for name in GROUPS[group]]

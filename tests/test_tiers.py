@@ -1,4 +1,4 @@
-"""Tests are quick or thorough; the quick ones cover every folder, every kernel and every value of parameters."""
+"""Tests are quick or thorough; the quick ones cover every folder and every kernel."""
 
 from __future__ import annotations
 

@@ -56,6 +56,7 @@ def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how,
     assert f"new.png: 41x33, {expected.valid.mean():.1%} covered" in out
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("command", "kind"), [("relief", ibr.ReliefSurface), ("slices", ibr.SlicedSurface)])
 @pytest.mark.parametrize(
     ("words", "height", "color"),

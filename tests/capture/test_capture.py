@@ -172,6 +172,7 @@ def test_a_camera_that_sees_nothing_is_an_error():
         cube_cameras((0, 0, 0), 1)
 
 
+@pytest.mark.thorough
 def test_captures_and_proposals_need_no_open3d():
     code = """
 import sys

@@ -77,6 +77,7 @@ def test_one_triangle_is_the_least():
     assert len(ibr.DepthMesh(view).simplify(count=1).faces) <= 2
 
 
+@pytest.mark.thorough
 def test_a_room_for_the_web():
     """Even with a large error, the quadtree alone leaves 8,000 triangles, along depth edges."""
     depth = cv2.imread(str(shared("rgbd_livingroom1") / "depth" / "00000.png"), cv2.IMREAD_UNCHANGED) / 1000

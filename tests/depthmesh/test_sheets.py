@@ -30,6 +30,7 @@ def test_sheets_show_in_holes_only(projection):
     assert (np.abs(closed.color.astype(int) - whole.color).max(axis=2)[sheets] <= 8).mean() >= 0.9
 
 
+@pytest.mark.thorough
 def test_sheets_of_several_views():
     views = six()
     thing, bare = (ibr.DepthMeshObject(views, closed=c) for c in ("sheets", False))

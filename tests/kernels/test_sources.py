@@ -64,6 +64,7 @@ ALONE = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lanes", [1, 16])
 @pytest.mark.parametrize("file", ALONE)
 def test_a_file_compiles_alone_with_the_defaults(file, lanes):

@@ -59,7 +59,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str, bool, dict[st
     return found
 
 
-@pytest.mark.parametrize("name", DRAWN)
+QUICK = {"lines", "relief", "depth meshes"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name not in QUICK)) for name in DRAWN]
+)
 def test_what_is_asked_for_ahead_is_what_the_picture_needs_and_changes_nothing(name: str, asked: list[Any]):
     session, memory = current(), zeros()
     kept = dict(session.kernels)
@@ -137,7 +142,7 @@ def test_the_first_picture_is_built_beside_and_the_same(tmp_path: Path):
 
 
 @pocl
-@pytest.mark.parametrize("when", ["before", "after it was asked"])
+@pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.thorough), "after it was asked"])
 def test_a_builder_that_dies_is_not_missed(when: str, tmp_path: Path):
     kill = f"os.kill(process._process.pid, {int(signal.SIGKILL)})"
     if when != "before":
@@ -147,6 +152,7 @@ def test_a_builder_that_dies_is_not_missed(when: str, tmp_path: Path):
     assert said["built"] == "0" and int(said["sum"])
 
 
+@pytest.mark.thorough
 @pocl
 def test_a_builder_without_work_ends(tmp_path: Path):
     said = draw(

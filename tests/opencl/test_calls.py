@@ -60,6 +60,7 @@ def _seen_from_elsewhere(session: device.Session) -> list[object]:
         return other.submit(lambda: list(session.calls.others)).result()
 
 
+@pytest.mark.thorough
 def test_calls_after_one_that_ended_at_some_launch():
     chance = random.Random(7)
     for call in calls().values():

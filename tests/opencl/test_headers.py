@@ -189,6 +189,7 @@ def _whole(file: str) -> str:
     return "\n".join(texts) if file.endswith(".h") else (folder / file).read_text()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("file", [file for file in FILES if _readable(file)])
 def test_every_struct_lies_as_the_compiler_lays_it(folder, file):
     kinds = structs(file, expanded(file), _readable(file), {"LANES": current().profile.lanes})

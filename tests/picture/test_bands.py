@@ -33,6 +33,7 @@ def little() -> Iterator[Callable[[int], None]]:
     room.total = whole
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("cameras", "classes"), [(1, True), (2, False)])
 def test_pictures_without_the_memory_for_them_are_drawn_in_bands(little, monkeypatch, cameras: int, classes: bool):
     view = scenes.stepped(SIZE)

@@ -36,9 +36,9 @@ def corridor(size: tuple[int, int], bits: int) -> Array:
     return 1 / (np.rint(nearness / step) * step)
 
 
-def made(rng: np.random.Generator) -> Iterator[tuple[str, Array]]:
+def made(rng: np.random.Generator, sizes: list[tuple[int, int]]) -> Iterator[tuple[str, Array]]:
     """Yield made-up depths with noise of each kind, at several scales, with holes, and some with very few samples."""
-    for size in SIZES:
+    for size in sizes:
         z = room(size)
         for kind in KINDS if size[0] < 640 else KINDS[3:] if size[0] == 640 else KINDS[3:4]:
             noisy = z + rng.normal(size=z.shape) * np.polyval(kind, z)
@@ -95,31 +95,33 @@ def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -
     return float(np.max(np.abs(a - b) / np.maximum(a, b)))
 
 
-def test_the_kernel_finds_what_the_twin_finds():
+@pytest.mark.parametrize("large", [False, pytest.param(True, marks=pytest.mark.thorough)])
+def test_the_kernel_finds_what_the_twin_finds(large: bool):
     """Results agree, except where two fits are equally good, so that rounding decides between them."""
-    wrong, count = list[tuple[Any, ...]](), 0
-    for name, depth in itertools.chain(made(np.random.default_rng(0)), frames()):
+    wrong, count, rng = list[tuple[Any, ...]](), 0, np.random.default_rng(0)
+    for name, depth in itertools.chain(made(rng, SIZES[3:]), frames()) if large else made(rng, SIZES[:3]):
         depth = np.ascontiguousarray(depth, np.float32)
         expected, found = noise_of(depth), [found_noise(depth)]
-        with one_lane():
-            found.append(found_noise(depth))
+        if large:
+            with one_lane():
+                found.append(found_noise(depth))
         for one in found:
             off = [difference(depth, *pair) for pair in zip(one, expected, strict=True)]
             count += 1
             if max(off) > CLOSE:
                 wrong.append((name, off, one, expected))
-    assert count > 400
+    assert count > 100
     assert len(wrong) <= 0.01 * count, wrong
 
 
+@pytest.mark.thorough
 def test_a_group_finds_what_one_work_item_finds():
-    for name, depth in made(np.random.default_rng(0)):
-        if "(160, 120)" in name or "narrow" in name:
-            depth = np.ascontiguousarray(depth, np.float32)
-            with one_lane():
-                alone = found_noise(depth)
-            with one_lane(group=(32, 4, 1)):
-                assert found_noise(depth) == alone, name
+    for name, depth in made(np.random.default_rng(0), [(160, 120)]):
+        depth = np.ascontiguousarray(depth, np.float32)
+        with one_lane():
+            alone = found_noise(depth)
+        with one_lane(group=(32, 4, 1)):
+            assert found_noise(depth) == alone, name
 
 
 @pytest.mark.parametrize("unit", [2.0**-83, 2.0**-10, 2.0**109])

@@ -48,6 +48,7 @@ def test_a_torus_is_as_in_float64(search, projection):
     assert (np.abs(frame.depth - expected)[both] <= 2e-4).mean() >= 0.99
 
 
+@pytest.mark.thorough
 def test_perpendicular_distances_are_as_in_float64():
     camera, base = seen_from("perspective"), models.donut(16)
     thing = ibr.ReliefSurface(base, hills(), WHITE, SCALE, tiles=TILES, distance="perpendicular", search="linear")

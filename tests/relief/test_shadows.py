@@ -59,6 +59,7 @@ LIGHTS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LIGHTS)
 def test_a_deep_torus_is_no_wider_in_its_shadow(name):
     """The ring's other side casts its shadow across the torus. By equation 7 it would be too wide, by 2 % or more."""
@@ -91,6 +92,7 @@ def at_jumps(depth: np.ndarray) -> np.ndarray:
     return cv2.dilate(jumps.astype(np.uint8), np.ones((5, 5))) > 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shadow", SHADOWS)
 @pytest.mark.parametrize("direction", [(-1, 0.2, -0.6), (-0.5, 1, -0.5), (-1, -0.8, -0.3)], ids=str)
 @pytest.mark.parametrize("scale", [0.05, 0.12])
@@ -157,6 +159,7 @@ def test_a_wall_lit_from_behind_casts_its_shadow(direction, options):
     assert ((carved < 0.5) == (bare < 0.5))[counted].all()
 
 
+@pytest.mark.thorough
 def test_small_tiles_far_away():
     """The truth has 6 x 6 rays per pixel. A shadow map shows moire if its texels cover many texels of the relief."""
     camera = Camera.look_at((0.5, -0.55, 0.5), (0.5, 0.45, 0), (0, 0, 1), (160, 120), fov_y=50)

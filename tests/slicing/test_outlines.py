@@ -65,6 +65,7 @@ def test_a_wall_fills_its_image(size, projection):
     check_wall(size, projection)
 
 
+@pytest.mark.thorough
 def test_a_wall_fills_its_image_in_one_lane():
     with one_lane():
         for size, projection in (((1, 9), "perspective"), ((7, 13), "orthographic")):

@@ -58,6 +58,7 @@ def test_given_frames_are_written():
     check_given_frames()
 
 
+@pytest.mark.thorough
 def test_given_frames_are_written_where_memory_is_copied():
     with one_lane():
         check_given_frames()
@@ -129,6 +130,7 @@ def test_what_earlier_calls_left_in_memory_shows_nowhere(monkeypatch, step):
     check_memory_that_is_not_blank(monkeypatch, step)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", STEPS)
 def test_what_earlier_calls_left_in_memory_shows_nowhere_in_one_lane(monkeypatch, step):
     with one_lane():
