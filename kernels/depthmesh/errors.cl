@@ -1,18 +1,22 @@
 /* The quadtree's errors and bounding spheres, fine to coarse (Pajarola, Sainz & Meng 2003, sections 3.2 and 3.3).
  *
- * A vertex's error is the sum of its own error (its distance from the edge that it bisects) and the largest error of
- * its children. For a midpoint, the distance is measured in the plane along the edge and the z axis (equation 1); for a
- * centre, in space (equation 2). A vertex's sphere contains its children's spheres; at the finest step, it contains the
- * triangles that the vertex splits. So errors and spheres grow from children to parents, and independent tests of
- * vertices yield a triangulation without cracks (Lindstrom & Pascucci 2001).
+ * A vertex's own error is its distance from the edge that it bisects. For a midpoint, the distance is measured in the
+ * plane along the edge and the z axis (equation 1); for a centre, in space (equation 2). A vertex's sphere contains its
+ * children's spheres; at the finest step, it contains the triangles that the vertex splits. Errors and spheres grow
+ * from children to parents, so independent tests of vertices yield a triangulation without cracks (Lindstrom &
+ * Pascucci 2001).
  *
- * Deviations from the paper: the errors of vertex and child are added. The sum is a bound, since a surface without both
- * vertices may be wrong by both errors. With `largest`, the larger error counts, as in the paper. A partly drawn
- * triangle is left out unless it is split, so its error is CUT_ERROR times its longest side: at any useful tolerance,
- * the mesh keeps its depth edges.
+ * Deviations from the paper: a vertex's error bounds the distance between the surfaces with and without the vertex and
+ * all that follow from it. Leaving out a vertex moves the points of its triangles by at most its own error, times their
+ * barycentric weight of the vertex. A vertex and its child are corners of one triangle, in which their weights add up
+ * to at most 1: of both own errors, only the larger one counts. The errors of farther descendants are added, either to
+ * the vertex's own error or to this larger one; the lesser sum is the bound. With `largest`, the largest own error
+ * counts, as in the paper. A partly drawn triangle is left out unless it is split, so its error is CUT_ERROR times its
+ * longest side: at any useful tolerance, the mesh keeps its depth edges.
  *
  * nearness, placed: (height, pitch), samples.cl; nearness is denoised (smooth.cl). For each vertex, (side + 1, row):
- * states, states.cl; errors: scene units, -1 where nothing is drawn; radii: the bounding spheres' radii, scene units;
+ * states, states.cl; errors: scene units, -1 where nothing is drawn; below: the largest error of the children; sums:
+ * `below` and the own error; both are 0 where nothing is drawn; radii: the bounding spheres' radii, scene units;
  * depths: the depths of their centres, or a child's depth if the centre has no sample. The spheres contain the drawn
  * triangles. Work-item: `find_finest_midpoints`, `find_finest_centers`: a row of midpoints, or centres, of step 1; the
  * former kernel also initialises vertices without cells. `find_errors`: a row of a coarser step. `find_coarse_errors`:
@@ -22,8 +26,9 @@
 
 #define ERRORS_PARAMETERS                                                                                      \
     global const float *nearness, global const float *placed, global const uchar *states,                     \
-        global float *errors, global float *radii, global float *depths, Layout layout, int largest
-#define TREE_VALUE {nearness, placed, states, errors, radii, depths, largest}
+        global float *errors, global float *radii, global float *depths, global float *below, global float *sums,   \
+        Layout layout, int largest
+#define TREE_VALUE {nearness, placed, states, errors, radii, depths, below, sums, largest}
 #define CUT_ERROR 4.0f
 #define UNSEEN 0.75f /* standard deviations of the noise: after denoising (smooth.cl), smaller errors count as noise */
 #define MARGIN 0.01f /* samples by which a sphere extends beyond its children's: more than rounding errors */
@@ -31,14 +36,23 @@
 typedef struct {
     global const float *nearness, *placed;
     global const uchar *states;
-    global float *errors, *radii, *depths;
-    int largest; /* 1: a vertex's error is the larger of its own and its children's, as in the paper; 0: their sum */
+    global float *errors, *radii, *depths, *below, *sums;
+    int largest; /* 1: a vertex's error is the larger of its own and its children's, as in the paper; 0: a bound */
 } Tree;
 
+/* Vertices of the tree, and the largest `below` and `sums` of their children */
 typedef struct {
     Vector center;
-    floatl error, radius, depth;
+    floatl error, radius, depth, below, sum, child_below, child_sum;
 } Vertices;
+
+/* Vertices without triangles, at samples of nearness n */
+Vertices no_vertices(const Layout *layout, floatl n)
+{
+    const Vertices v = {.error = -1.0f,
+                        .depth = select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
+    return v;
+}
 
 /* The column and row of a vertex's sample: vertices of the padding lie on the last column or row. */
 #define ON_COLUMN(layout, x) min(x, (intl)((layout)->width - 1))
@@ -61,7 +75,7 @@ typedef struct {
     floatl x, y, error, depth;
 } Children;
 
-/* Loads the children at (x, y). Updates the parents v: the largest error of their children, and missing depths. */
+/* Loads the children at (x, y). Updates the parents v: the largest errors of their children, and missing depths. */
 Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, intl there, Vertices *v)
 {
     Children c;
@@ -71,6 +85,8 @@ Children add_children(const Layout *layout, const Tree *tree, intl x, intl y, in
     c.error = select_lanes(there, (floatl)(gather(tree->errors, c.at)), (floatl)-1.0f);
     c.depth = (floatl)(gather(tree->depths, c.at));
     v->error = max_lanes(c.error, v->error);
+    v->child_below = fmax(select_lanes(there, (floatl)(gather(tree->below, c.at)), (floatl)0.0f), v->child_below);
+    v->child_sum = fmax(select_lanes(there, (floatl)(gather(tree->sums, c.at)), (floatl)0.0f), v->child_sum);
     v->depth = select_lanes((v->depth == 0.0f) & (c.error >= 0.0f), c.depth, v->depth);
     return c;
 }
@@ -136,17 +152,20 @@ floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl ri
     return select_lanes(squeezed, error, bisected);
 }
 
-/* Sets the vertices' errors from the children's errors and from the part of their own errors that noise does not
- * explain. Where nothing is drawn, errors stay -1. */
+/* Sets the vertices' errors from the children's errors, whose largest is v->error, and from the part of their own
+ * errors that noise does not explain. Where nothing is drawn, errors stay -1. */
 void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, int s, int centers, Vertices *v)
 {
     const intl a = STATE_A(states), b = STATE_B(states);
     const intl partly = (a == (UNDRAWN | DRAWN)) | (b == (UNDRAWN | DRAWN)), drawn = ((a | b) & DRAWN) != 0;
     const float samples = CUT_ERROR * 2.0f * s * (centers ? M_SQRT2_F : 1.0f);
     const floatl length = samples * sample_size(layout, v->depth);
-    own = fmax(own - UNSEEN * NOISE_AT(layout->noise, v->depth), (floatl)0.0f);
-    const floatl below = fmax(v->error, (floatl)0.0f), joined = tree->largest ? fmax(own, below) : own + below;
-    v->error = select_lanes(drawn, fmax(joined, select_lanes(partly, length, (floatl)0.0f)), v->error);
+    own = select_lanes(drawn, fmax(own - UNSEEN * NOISE_AT(layout->noise, v->depth), (floatl)0.0f), (floatl)0.0f);
+    v->below = fmax(v->error, (floatl)0.0f);
+    v->sum = own + v->below;
+    const floatl in_pairs = fmax(own + v->child_below, v->child_sum), bound = tree->largest ? own : fmin(v->sum, in_pairs);
+    const floatl joined = fmax(fmax(v->below, bound), select_lanes(partly, length, (floatl)0.0f));
+    v->error = select_lanes(drawn, joined, v->error);
 }
 
 /* Finds errors and spheres of row y of the vertices of step s > 1. */
@@ -159,10 +178,7 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
         const intl row = (intl)y, main = IS_MAIN(x, row, s), at = select_lanes(mine, row * layout->row + x, (intl)0);
         const intl sample_x = ON_COLUMN(layout, x), sample_y = ON_ROW(layout, row);
         const floatl n = vertex_nearness(layout, tree, sample_x, sample_y);
-        Vertices v = {{0.0f, 0.0f, 0.0f},
-                      -1.0f,
-                      0.0f,
-                      select_lanes(IS_SAMPLE(n), DEPTH_OF(layout->perspective, n), (floatl)0.0f)};
+        Vertices v = no_vertices(layout, n);
         Children children[4]; /* above, right, below, left of a centre; diagonally from a midpoint */
         for (int k = 0; k < 4; k++) {
             const int dx = centers ? (k == 1 ? s : k == 3 ? -s : 0) : (k & 1 ? s / 2 : -s / 2);
@@ -193,6 +209,8 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
                 continue;
             const int to = int_lane(at, lane);
             tree->errors[to] = float_lane(v.error, lane);
+            tree->below[to] = float_lane(v.below, lane);
+            tree->sums[to] = float_lane(v.sum, lane);
             tree->radii[to] = float_lane(v.radius, lane);
             tree->depths[to] = float_lane(v.depth, lane);
         }
@@ -214,6 +232,8 @@ void store_vertices(const Tree *tree, size_t at, const Vertices *v)
     store_lanes(v->error, tree->errors + at);
     store_lanes(v->radius, tree->radii + at);
     store_lanes(v->depth, tree->depths + at);
+    store_lanes(v->below, tree->below + at);
+    store_lanes(v->sum, tree->sums + at);
 }
 
 kernel void find_finest_midpoints(ERRORS_PARAMETERS)
@@ -226,12 +246,12 @@ kernel void find_finest_midpoints(ERRORS_PARAMETERS)
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, ax = x - across, bx = x + across;
         const int ay = y - !across, by = y + !across;
-        Vertices v = {{0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, 0.0f};
+        Vertices v = no_vertices(&layout, (floatl)NO_SURFACE);
         if (first < layout.width && y < layout.height) {
             const floatl n = nearness_next_to(&layout, nearness, x, first, y, 0, 0);
             const floatl na = nearness_next_to(&layout, nearness, x, first, y, across ? -1 : 0, across ? 0 : -1);
             const floatl nb = nearness_next_to(&layout, nearness, x, first, y, across ? 1 : 0, across ? 0 : 1);
-            v.depth = select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f);
+            v.depth = no_vertices(&layout, n).depth;
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
             const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
             for (int k = 0; k < 5; k++) { /* the vertex, and corners of triangles that it splits */
@@ -261,8 +281,7 @@ kernel void find_finest_centers(ERRORS_PARAMETERS)
         const size_t at = (size_t)y * layout.row + first;
         const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
         const floatl n = nearness_next_to(&layout, nearness, x, first, y, 0, 0);
-        Vertices v = {
-            {0.0f, 0.0f, 0.0f}, -1.0f, 0.0f, select_lanes(IS_SAMPLE(n), DEPTH_OF(layout.perspective, n), (floatl)0.0f)};
+        Vertices v = no_vertices(&layout, n);
         floatl error[4], depth[4], radius[4];
         for (int k = 0; k < 4; k++) {
             const size_t start = (size_t)(y + dy[k]) * layout.row;
@@ -272,6 +291,7 @@ kernel void find_finest_centers(ERRORS_PARAMETERS)
             v.error = max_lanes(error[k], v.error);
             v.depth = select_lanes((v.depth == 0.0f) & (error[k] >= 0.0f), depth[k], v.depth);
         }
+        v.child_sum = fmax(v.error, (floatl)0.0f);
         v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
         for (int k = 0; k < 4; k++) {
             const Vector away = minus(point_of(&layout, to_floatl(x + dx[k]), (floatl)(y + dy[k]), depth[k]), v.center);
@@ -291,6 +311,8 @@ kernel void find_finest_centers(ERRORS_PARAMETERS)
                                         (intl)(y + down), corner, main, is_squeezed(&layout, x, (intl)y, 1));
         add_error(&layout, &tree, own, load_bytes(states + at), 1, 1, &v);
         v.error = select_lanes(mine, v.error, load_lanes(errors + at));
+        v.below = select_lanes(mine, v.below, load_lanes(below + at));
+        v.sum = select_lanes(mine, v.sum, load_lanes(sums + at));
         v.radius = select_lanes(mine, v.radius, load_lanes(radii + at));
         v.depth = select_lanes(mine, v.depth, load_lanes(depths + at));
         store_vertices(&tree, at, &v);

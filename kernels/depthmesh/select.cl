@@ -31,9 +31,24 @@ typedef struct {
     float scale;       /* pixels per scene unit: at distance 1 (perspective), everywhere (orthographic) */
     float tolerance;   /* pixels */
     float allowed;     /* pixels, at least the tolerance: the error that `motion_limits` refer to */
+    float least_cosine; /* of the angle between the axis and the lines of sight in the picture, at one of its corners */
     float widening;    /* the view's planes are moved outwards by this times the distance from the eye */
     int perspective;
 } Viewer;
+
+/* Largest stretch of a picture within spheres around the points p: at an angle t from the axis, distances across the
+ * line of sight are drawn up to 1 / cos^2 t times as large as on the axis. */
+INLINED floatl stretch_of(const Viewer *viewer, Vector p, floatl from_eye, floatl radius)
+{
+    if (!viewer->perspective)
+        return 1.0f;
+    const float *axis = viewer->planes[4];
+    const floatl z = axis[0] * p.x + axis[1] * p.y + axis[2] * p.z + axis[3], far = from_eye * from_eye;
+    const floatl aside = sqrt(fmax(far - z * z, (floatl)0.0f)), before = sqrt(fmax(far - radius * radius, (floatl)0.0f));
+    /* The cosine of t plus the angle of the sphere's radius */
+    const floatl cosine = fmax((z * before - aside * radius) / far, (floatl)viewer->least_cosine);
+    return 1.0f / (cosine * cosine);
+}
 
 kernel void activate(global const float *errors, global const float *radii, global const float *depths,
                      global uchar *active, global float *motion_limits, Layout layout, Viewer viewer)
@@ -54,18 +69,19 @@ kernel void activate(global const float *errors, global const float *radii, glob
             const Vector away = {p.x - viewer.eye[0], p.y - viewer.eye[1], p.z - viewer.eye[2]};
             const floatl from_eye = sqrt(DOT(away, away));
             const floatl distance = viewer.perspective ? fmax(from_eye - radius, (floatl)AT_THE_EYE) : (floatl)1.0f;
-            const intl large = known & (error * viewer.scale >= viewer.tolerance * distance);
-            needed = large;
             /* With this margin, too, children's spheres lie within their parent's. */
             const floatl margin = radius + viewer.widening * (from_eye + radius);
+            const floatl pixels = error * viewer.scale * stretch_of(&viewer, p, from_eye, margin);
+            const intl large = known & (pixels >= viewer.tolerance * distance);
+            needed = large;
             for (int k = 0; k < 5; k++) {
                 const float *plane = viewer.planes[k];
                 needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -margin);
             }
             motion_limit = fmin(
                 motion_limit,
-                select_lanes(known & (!large), distance - error * (viewer.scale / viewer.allowed), (floatl)INFINITY));
-            nearest_out = fmin(nearest_out, select_lanes(large & (!needed), from_eye, (floatl)INFINITY));
+                select_lanes(known & (!large), distance - pixels / viewer.allowed, (floatl)INFINITY));
+            nearest_out = fmin(nearest_out, select_lanes(known & (!needed), from_eye, (floatl)INFINITY));
         }
         store_bytes(to_ucharl(select_lanes(needed, (intl)ACTIVE, (intl)0)), active + at);
     }

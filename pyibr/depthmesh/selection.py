@@ -65,6 +65,7 @@ def select_for(trees: Sequence[Tree], camera: Camera, tolerance: float, reuse: f
     viewer["scale"] = np.linalg.norm(camera.K[:2, :2], 2)
     viewer["allowed"] = tolerance
     viewer["tolerance"] = (1.0 - reuse) * tolerance
+    viewer["least_cosine"] = _least_cosine(camera)
     perspective = camera.projection == "perspective"
     viewer["perspective"], viewer["widening"] = perspective, reuse if perspective else 0.0
     planes = frustum(camera) if perspective or not reuse else np.zeros((5, 4))
@@ -109,3 +110,10 @@ def active_within(tree: Tree, max_error: float) -> DeviceArray:
     if coarse > 1:
         launch(kernel("depthmesh/simplify.cl", "refine", CHUNK=CHUNK), grid, **shared)
     return active
+
+
+def _least_cosine(camera: Camera) -> float:
+    """Cosine of the largest angle between the camera's axis and a line of sight in its picture."""
+    x, y = (np.array([-0.5, count - 0.5]) for count in camera.size)
+    corners = np.linalg.inv(camera.K) @ [np.tile(x, 2), np.repeat(y, 2), np.ones(4)]
+    return 1.0 / float(np.linalg.norm(corners, axis=0).max())

@@ -104,6 +104,8 @@ class Tree:
         """
         found = {name: empty(self.states.shape, np.float32) for name in ("errors", "radii", "depths")}
         shared: dict[str, Any] = found | {
+            "below": empty(self.states.shape, np.float32),
+            "sums": empty(self.states.shape, np.float32),
             "nearness": self.smoothed,
             "placed": self.placed,
             "states": self.states,
