@@ -64,10 +64,11 @@ floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
     return select_lanes(in, (floatl)(gather(tree->nearness, at)), (floatl)NO_SURFACE);
 }
 
-/* The point of sample (x, y) at a nearness, in the frame of the view's camera */
-Vector sample_point(const Layout *layout, intl x, intl y, floatl n)
+/* The drawn vertex of sample (x, y) at a nearness, in the frame of the view's camera */
+Vector drawn_point(const Layout *layout, intl x, intl y, floatl n)
 {
-    return point_of(layout, to_floatl(x), to_floatl(y), DEPTH_OF(layout->perspective, n));
+    return point_of(layout, to_floatl(x) + beyond_sample(x, layout->width), to_floatl(y) + beyond_sample(y, layout->height),
+                    DEPTH_OF(layout->perspective, n));
 }
 
 typedef struct {
@@ -105,11 +106,12 @@ INLINED void hold_children(const Layout *layout, const Tree *tree, const Childre
     v->radius = select_lanes((c->error >= 0.0f) & (reach > v->radius), reach, v->radius);
 }
 
-/* Own errors of vertices p with nearness n, which bisect the edges from a to b; 0 if a, b or p has no sample */
-INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax, intl ay, floatl na, intl bx, intl by,
-                       floatl nb, int centers, int across)
+/* Own errors of the vertices p of samples (x, y), which bisect the edges from a to b; 0 if a, b or p has no sample */
+INLINED floatl bisection_error(const Layout *layout, intl x, intl y, floatl n, intl ax, intl ay, floatl na, intl bx,
+                               intl by, floatl nb, int centers, int across)
 {
-    const Vector a = sample_point(layout, ax, ay, na), b = sample_point(layout, bx, by, nb);
+    const Vector p = drawn_point(layout, x, y, n);
+    const Vector a = drawn_point(layout, ax, ay, na), b = drawn_point(layout, bx, by, nb);
     const Vector ab = minus(b, a), ap = minus(p, a);
     floatl area, length;
     if (centers) {
@@ -126,30 +128,32 @@ INLINED floatl bisection_error(const Layout *layout, Vector p, floatl n, intl ax
     return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
-/* Own errors of the centres p, with nearness n, of blocks from column `left` to `right` and row `top` to `bottom`.
- * corner: nearness of the corners, row by row. In a `squeezed` block, p does not lie on the diagonal in the image.
- * There the error is the larger distance from p to the planes of the two triangles at the diagonal; a plane with a
+/* Own errors of the centres p of blocks from column `left` to `right` and row `top` to `bottom`. corner: nearness of the
+ * corners, row by row. In a block of step s at the border, p may not lie on the diagonal in the image. There the error is the larger distance from p to the planes of the two triangles at the diagonal; a plane with a
  * corner without sample does not count. This is a bound, as surfaces with and without p differ most at p. */
-floatl center_error(const Layout *layout, Vector p, floatl n, intl left, intl right, intl top, intl bottom,
-                    const floatl corner[4], intl main, intl squeezed)
+floatl center_error(const Layout *layout, intl x, intl y, int s, floatl n, intl left, intl right, intl top, intl bottom,
+                    const floatl corner[4])
 {
+    const intl at_border = (x <= s) | (y <= s) | (x + s >= layout->width - 1) | (y + s >= layout->height - 1);
+    const intl main = IS_MAIN(x, y, s), on_x = ON_COLUMN(layout, x), on_y = ON_ROW(layout, y);
     const intl ay = select_lanes(main, top, bottom), by = select_lanes(main, bottom, top);
     const floatl na = select_lanes(main, corner[0], corner[2]), nb = select_lanes(main, corner[3], corner[1]);
-    const floatl bisected = bisection_error(layout, p, n, left, ay, na, right, by, nb, 1, 0);
-    if (!any_lane(squeezed))
+    const floatl bisected = bisection_error(layout, on_x, on_y, n, left, ay, na, right, by, nb, 1, 0);
+    if (!any_lane(at_border))
         return bisected;
-    const Vector a = sample_point(layout, left, ay, na), b = sample_point(layout, right, by, nb);
+    const Vector p = drawn_point(layout, on_x, on_y, n);
+    const Vector a = drawn_point(layout, left, ay, na), b = drawn_point(layout, right, by, nb);
     const Vector ab = minus(b, a), ap = minus(p, a);
     const floatl rounding = 2.0f * ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z)); /* 2: p may lie beyond the ends */
     floatl error = 0.0f;
     for (int k = 0; k < 2; k++) {
         const floatl nc = k ? select_lanes(main, corner[1], corner[3]) : select_lanes(main, corner[2], corner[0]);
-        const Vector normal = cross_product(ab, minus(sample_point(layout, k ? right : left, k ? ay : by, nc), a));
+        const Vector normal = cross_product(ab, minus(drawn_point(layout, k ? right : left, k ? ay : by, nc), a));
         const floatl off = fabs(DOT(ap, normal)) / fmax(sqrt(DOT(normal, normal)), (floatl)FLT_MIN);
         const intl known = IS_SAMPLE(n) & IS_SAMPLE(na) & IS_SAMPLE(nb) & IS_SAMPLE(nc) & (off > rounding);
         error = fmax(error, select_lanes(known, off, (floatl)0.0f));
     }
-    return select_lanes(squeezed, error, bisected);
+    return select_lanes(at_border, error, bisected);
 }
 
 /* Sets the vertices' errors from the children's errors, whose largest is v->error, and from the part of their own
@@ -175,7 +179,7 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
     for (int start = centers || across ? s : 0; start <= layout->side && start - s < layout->width - 1;
          start += 2 * s * LANES) {
         const intl x = start + 2 * s * lane_index, mine = (x <= layout->side) & (x - s < layout->width - 1);
-        const intl row = (intl)y, main = IS_MAIN(x, row, s), at = select_lanes(mine, row * layout->row + x, (intl)0);
+        const intl row = (intl)y, at = select_lanes(mine, row * layout->row + x, (intl)0);
         const intl sample_x = ON_COLUMN(layout, x), sample_y = ON_ROW(layout, row);
         const floatl n = vertex_nearness(layout, tree, sample_x, sample_y);
         Vertices v = no_vertices(layout, n);
@@ -198,10 +202,9 @@ INLINED void find_error_row(const Layout *layout, const Tree *tree, int s, int y
         if (centers) {
             const floatl corner[4] = {na, vertex_nearness(layout, tree, right, top),
                                       vertex_nearness(layout, tree, left, bottom), nb};
-            own = center_error(layout, v.center, n, left, right, top, bottom, corner, main,
-                               is_squeezed(layout, x, row, s));
+            own = center_error(layout, x, row, s, n, left, right, top, bottom, corner);
         } else
-            own = bisection_error(layout, v.center, n, left, top, na, right, bottom, nb, 0, across);
+            own = bisection_error(layout, sample_x, sample_y, n, left, top, na, right, bottom, nb, 0, across);
         const intl states = (intl)(gather(tree->states, at));
         add_error(layout, tree, own, states, s, centers, &v);
         for (int lane = 0; lane < LANES; lane++) {
@@ -253,7 +256,7 @@ kernel void find_finest_midpoints(ERRORS_PARAMETERS)
             const floatl nb = nearness_next_to(&layout, nearness, x, first, y, across ? 1 : 0, across ? 0 : 1);
             v.depth = no_vertices(&layout, n).depth;
             v.center = point_of(&layout, to_floatl(x), (floatl)y, v.depth);
-            const floatl own = bisection_error(&layout, v.center, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
+            const floatl own = bisection_error(&layout, x, (intl)y, n, ax, (intl)ay, na, bx, (intl)by, nb, 0, across);
             for (int k = 0; k < 5; k++) { /* the vertex, and corners of triangles that it splits */
                 const int dx = k == 0 ? -1 : k == 1, dy = k == 2 ? -1 : k == 3;
                 const floatl next = nearness_next_to(&layout, placed, x, first, y, dx, dy);
@@ -279,7 +282,7 @@ kernel void find_finest_centers(ERRORS_PARAMETERS)
     const int dx[4] = {0, 1, 0, -1}, dy[4] = {-1, 0, 1, 0}; /* children above, right, below, left */
     for (int first = 0; first < layout.width; first += LANES) {
         const size_t at = (size_t)y * layout.row + first;
-        const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width), main = IS_MAIN(x, (intl)y, 1);
+        const intl x = first + lane_index, mine = ((x & 1) == 1) & (x < layout.width);
         const floatl n = nearness_next_to(&layout, nearness, x, first, y, 0, 0);
         Vertices v = no_vertices(&layout, n);
         floatl error[4], depth[4], radius[4];
@@ -307,8 +310,8 @@ kernel void find_finest_centers(ERRORS_PARAMETERS)
             const floatl above = nearness_next_to(&layout, nearness, x, first, y, 0, dy);
             corner[k] = dx < 0 ? next : select_lanes(last, above, next);
         }
-        const floatl own = center_error(&layout, v.center, n, x - 1, ON_COLUMN(&layout, x + 1), (intl)(y - 1),
-                                        (intl)(y + down), corner, main, is_squeezed(&layout, x, (intl)y, 1));
+        const floatl own = center_error(&layout, x, (intl)y, 1, n, x - 1, ON_COLUMN(&layout, x + 1), (intl)(y - 1),
+                                        (intl)(y + down), corner);
         add_error(&layout, &tree, own, load_bytes(states + at), 1, 1, &v);
         v.error = select_lanes(mine, v.error, load_lanes(errors + at));
         v.below = select_lanes(mine, v.below, load_lanes(below + at));

@@ -71,19 +71,22 @@ class Tree:
 
     @cached_property
     def smoothed(self) -> DeviceArray:
-        """(H, pitch) nearness of the denoised samples, for errors."""
+        """(H, pitch) nearness of the drawn vertices if the samples were denoised, for errors."""
         if not any(self.view.noise):
-            return self.nearness
+            return self.placed
         found = empty(self.nearness.shape, np.float32)
         arguments = {"nearness": self.nearness, "smoothed": found, "layout": self.layout}
         launch(kernel(_KERNELS, "smooth_nearness"), (found.shape[0],), **arguments)
-        return found
+        return self._placed(found)
 
     @cached_property
     def placed(self) -> DeviceArray:
         """(H, pitch) nearness of the drawn vertices; outermost vertices lie half a pixel beyond their samples."""
-        placed = empty(self.nearness.shape, np.float32)
-        arguments = {"nearness": self.nearness, "cells": self.cells, "placed": placed, "layout": self.layout}
+        return self._placed(self.nearness)
+
+    def _placed(self, nearness: DeviceArray) -> DeviceArray:
+        placed = empty(nearness.shape, np.float32)
+        arguments = {"nearness": nearness, "cells": self.cells, "placed": placed, "layout": self.layout}
         launch(kernel(_KERNELS, "place_border"), (placed.shape[0],), **arguments)
         return placed
 
