@@ -73,6 +73,8 @@ def halves_of_cell(x: int, y: int) -> list[list[Corner]]:
 @dataclass
 class Vertex:
     sides: list[Triangle] = field(default_factory=list)
+    own: float = 0.0
+    below: float = 0.0
     error: float = -1.0
     radius: float = 0.0
     depth: float = 0.0
@@ -94,8 +96,10 @@ class Tree:
     """The tree over a view's samples.
 
     `cells`: (H, W) states of each cell's two triangles; bits 0 and 1 hold the state of triangle A, the upper one. The
-    error of a vertex is its own error plus the largest error of its children; with `largest` it is the larger of the
-    two, as in the paper. Own errors are measured on denoised samples.
+    error of a vertex is a bound for the surface without it and its descendants: the smaller of two sums, its own error
+    plus the largest error of its children, or, for the worst child, the larger of both own errors plus the largest
+    error of that child's children. With `largest` it is the largest of all own errors, as in the paper. Own errors are
+    measured between drawn vertices of denoised samples.
     """
 
     def __init__(self, view: DepthImage, cells: np.ndarray, largest: bool = False) -> None:
@@ -206,18 +210,20 @@ class Tree:
         below = max([-1.0, *(child.error for child in children.values())])
         known = [child.depth for child in children.values() if child.error >= 0]
         vertex.depth = (
-            float(self.depth[self.sample(corner)[::-1]]) if self.is_sample(corner) else next(iter(known), 0.0)
+            float(self.drawn_place(corner, self.depth)[2]) if self.is_sample(corner) else next(iter(known), 0.0)
         )
-        vertex.error = below
+        vertex.error, vertex.below = below, max(below, 0.0)
         if any(state & DRAWN for state in vertex.states.values()):
             noise = float(np.polyval(self.view.noise, vertex.depth))
-            errors = max(self.own_error(corner) - UNSEEN * noise, 0.0), max(below, 0.0)
-            vertex.error = max(errors) if self.largest else sum(errors)
+            vertex.own = max(self.own_error(corner) - UNSEEN * noise, 0.0)
+            in_pairs = max([vertex.own, *(max(vertex.own, child.own) + child.below for child in children.values())])
+            vertex.error = max(below, vertex.own if self.largest else min(vertex.own + max(below, 0.0), in_pairs))
             if UNDRAWN | DRAWN in vertex.states.values():
                 vertex.error = max(vertex.error, LOSS * self.length(corner))
         if not vertex.children and self.is_sample(corner):
             ends = [end for triangle in vertex.sides for end in triangle.corners if self.is_sample(end)] + [corner]
-            vertex.radius = max(float(np.linalg.norm(self.drawn_place(end) - self.place(corner))) for end in ends)
+            center = self.place(corner, vertex.depth)
+            vertex.radius = max(float(np.linalg.norm(self.drawn_place(end) - center)) for end in ends)
         for place, child in children.items():
             if child.error >= 0:
                 away = np.linalg.norm(self.place(place, child.depth) - self.place(corner, vertex.depth))
@@ -228,16 +234,18 @@ class Tree:
         """Error of a vertex: its distance from the edge that it bisects.
 
         It is the distance of equation 2 for centres of blocks. For other vertices, equation 1, it is measured in the
-        plane of the edge's axis, x or y, and z. For squeezed blocks it is the larger distance from the planes of the
-        triangles on both sides.
+        plane of the edge's axis, x or y, and z. For blocks at the border, whose centres may lie off their diagonals, it
+        is the larger distance from the planes of the triangles on both sides.
         """
         sides = self.vertices[corner].sides
         start, end = sides[0].start, sides[0].end
         if not (self.is_sample(start) and self.is_sample(end) and self.is_sample(corner)):
             return 0.0
-        a, b, p = self.place(start), self.place(end), self.place(corner)
-        if self.is_squeezed(corner):
-            planes = [np.cross(b - a, self.place(side.apex) - a) for side in sides if self.is_sample(side.apex)]
+        a, b, p = (self.drawn_place(at, self.depth) for at in (start, end, corner))
+        corners = np.array([self.sample(at) for side in sides for at in side.corners])
+        at_border = (corners == 0) | (corners == np.subtract(self.view.camera.size, 1))
+        if at_border.any() and start[0] != end[0] and start[1] != end[1]:
+            planes = [np.cross(b - a, self.drawn_place(side.apex, self.depth) - a) for side in sides if self.is_sample(side.apex)]
             off = max([0.0, *(float(abs((p - a) @ normal) / np.linalg.norm(normal)) for normal in planes)])
             return off if off > 2 * ROUNDING * (abs(a[-1]) + abs(b[-1]) + abs(p[-1])) else 0.0
         if start[0] == end[0] or start[1] == end[1]:
@@ -272,7 +280,7 @@ class Tree:
     def needed(self, camera: Camera, tolerance: float) -> set[Corner]:
         """Vertices within a camera's view whose error in pixels, at their sphere's nearest point, reaches `tolerance`.
 
-        This is equation 5.
+        This is equation 5, with the stretch of the picture at the sphere's largest angle from the axis.
         """
         found: set[Corner] = set()
         there = self.view.camera.world_from_camera
@@ -284,7 +292,8 @@ class Tree:
             if camera.projection == "perspective":
                 distance = max(float(np.linalg.norm(center - camera.center)) - vertex.radius, NEAREST)
             seen = (outside(camera, center) <= vertex.radius).all()
-            if seen and vertex.error * np.linalg.norm(camera.K[:2, :2], 2) >= tolerance * distance:
+            pixels = vertex.error * np.linalg.norm(camera.K[:2, :2], 2) * stretch(camera, center, vertex.radius)
+            if seen and pixels >= tolerance * distance:
                 found.add(corner)
         return found
 
@@ -345,6 +354,21 @@ def outside(camera: Camera, point: np.ndarray) -> np.ndarray:
         for plane in (pixel + 0.5 * one, (size - 0.5) * one - pixel):
             found.append(-(plane[:3] @ here + plane[3]) / np.linalg.norm(plane[:3]))
     return np.array([*found, -here[2]])
+
+
+def stretch(camera: Camera, center: np.ndarray, radius: float) -> float:
+    """Largest 1 / cos^2 t of the angles t between the camera's axis and the points of a sphere, within the picture."""
+    if camera.projection == "orthographic":
+        return 1.0
+    pixels = np.array([[x - 0.5, y - 0.5, 1] for x in (0, camera.width) for y in (0, camera.height)])
+    widest = max(angle_between(ray, np.array([0, 0, 1.0])) for ray in pixels @ np.linalg.inv(camera.K).T)
+    way = center - camera.center
+    wide = np.arcsin(min(radius / max(np.linalg.norm(way), NEAREST), 1.0))
+    return float(1 / np.cos(min(angle_between(way, camera.forward) + wide, widest)) ** 2)
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arccos(np.clip(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), NEAREST), -1, 1)))
 
 
 def smoothed(view: DepthImage) -> np.ndarray:
