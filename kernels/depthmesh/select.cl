@@ -8,8 +8,9 @@
  * and `list_triangles` list them.
  *
  * Deviations from the paper: the distance is measured to the sphere, not to the vertex, as the independent tests
- * require. For a viewer that will move, a finer tolerance and a wider view may select more vertices; `motion_limits`
- * bound the motion for which the selection suffices.
+ * require. Equation 5 holds on the camera's axis only: at an angle t from it, errors are drawn up to 1 / cos^2 t times
+ * as large (`stretch_of`). For a viewer that will move, a finer tolerance and a wider view may select more vertices;
+ * `motion_limits` bound the motion for which the selection suffices.
  *
  * placed: samples.cl. For each vertex, (side + 1, row): errors, radii, depths: errors.cl; active: tree.h; drawn: bit k
  * is set if the k-th triangle with its right angle at the vertex is drawn; numbers: index of the vertex's point in
@@ -17,13 +18,13 @@
  * row's first point and triangle. points: (points, 4) a, b, c of tree.h, and quality (the normal's |z|) if `rated`.
  * corners: (triangles, 3) indices of points, counter-clockwise as seen by the view, the second at the right angle.
  * motion_limits: (side + 1, 2) minima over a row's inactive vertices, in scene units: how far the eye may move until a
- * projected error may exceed `allowed`; and the eye's distance from vertices that are inactive only because they are
- * out of view. Work-item: a row of vertices. Cost: O(vertices). Determinism: the order of rows and columns.
+ * projected error may exceed `allowed`; and the eye's distance from them. Work-item: a row of vertices. Cost:
+ * O(vertices). Determinism: the order of rows and columns.
  */
 #include "depthmesh/tree.h"
 
 #define POINTS 1024
-#define AT_THE_EYE 1e-20f /* scene units: distance to a sphere that contains the eye; > 0, so errors of 0 never count */
+#define AT_THE_EYE 1e-15f /* scene units: distance to a sphere that contains the eye; > 0, so errors of 0 never count */
 
 typedef struct {
     float eye[3];      /* position of the target's camera in the frame of the view's camera */
@@ -45,9 +46,9 @@ INLINED floatl stretch_of(const Viewer *viewer, Vector p, floatl from_eye, float
     const float *axis = viewer->planes[4];
     const floatl z = axis[0] * p.x + axis[1] * p.y + axis[2] * p.z + axis[3], far = from_eye * from_eye;
     const floatl aside = sqrt(fmax(far - z * z, (floatl)0.0f)), before = sqrt(fmax(far - radius * radius, (floatl)0.0f));
-    /* The cosine of t plus the angle of the sphere's radius */
-    const floatl cosine = fmax((z * before - aside * radius) / far, (floatl)viewer->least_cosine);
-    return 1.0f / (cosine * cosine);
+    /* 1 / cosine of the sum of t and the sphere's angle */
+    const floatl secant = far / fmax(z * before - aside * radius, viewer->least_cosine * far);
+    return secant * secant;
 }
 
 kernel void activate(global const float *errors, global const float *radii, global const float *depths,
@@ -57,7 +58,7 @@ kernel void activate(global const float *errors, global const float *radii, glob
     if (y > layout.side)
         return;
     const size_t start = (size_t)y * layout.row;
-    floatl motion_limit = INFINITY, nearest_out = INFINITY;
+    floatl motion_limit = INFINITY, nearest = INFINITY;
     for (int first = 0; first <= layout.side; first += LANES) {
         const size_t at = start + first;
         const floatl error = load_lanes(errors + at), radius = load_lanes(radii + at);
@@ -67,25 +68,25 @@ kernel void activate(global const float *errors, global const float *radii, glob
             const Vector p = point_of(&layout, to_floatl(min(x, (intl)(layout.width - 1))),
                                       (floatl)min(y, layout.height - 1), load_lanes(depths + at));
             const Vector away = {p.x - viewer.eye[0], p.y - viewer.eye[1], p.z - viewer.eye[2]};
-            const floatl from_eye = sqrt(DOT(away, away));
+            const floatl from_eye = fmax(sqrt(DOT(away, away)), (floatl)AT_THE_EYE);
             const floatl distance = viewer.perspective ? fmax(from_eye - radius, (floatl)AT_THE_EYE) : (floatl)1.0f;
             /* With this margin, too, children's spheres lie within their parent's. */
             const floatl margin = radius + viewer.widening * (from_eye + radius);
             const floatl pixels = error * viewer.scale * stretch_of(&viewer, p, from_eye, margin);
             const intl large = known & (pixels >= viewer.tolerance * distance);
             needed = large;
-            for (int k = 0; k < 5; k++) {
+            for (int k = 0; k < 5 && any_lane(needed); k++) {
                 const float *plane = viewer.planes[k];
                 needed = needed & (plane[0] * p.x + plane[1] * p.y + plane[2] * p.z + plane[3] >= -margin);
             }
             motion_limit = fmin(
                 motion_limit,
-                select_lanes(known & (!large), distance - pixels / viewer.allowed, (floatl)INFINITY));
-            nearest_out = fmin(nearest_out, select_lanes(known & (!needed), from_eye, (floatl)INFINITY));
+                select_lanes(known & (!large), distance - pixels * (1.0f / viewer.allowed), (floatl)INFINITY));
+            nearest = fmin(nearest, select_lanes(known & (!needed), from_eye, (floatl)INFINITY));
         }
         store_bytes(to_ucharl(select_lanes(needed, (intl)ACTIVE, (intl)0)), active + at);
     }
-    vstore2((float2)(least_lane(motion_limit), least_lane(nearest_out)), y, motion_limits);
+    vstore2((float2)(least_lane(motion_limit), least_lane(nearest)), y, motion_limits);
     mark_corners(&layout, active, y);
 }
 

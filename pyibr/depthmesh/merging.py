@@ -31,17 +31,19 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
     """
     quadrics = _quadrics(points, faces)
     refused = np.empty(0, np.int64)  # edges, start * N + end, whose recent collapses were rejected
+    changed = True  # since the refused edges were last tried again
     for _ in range(_ROUNDS_MAX):
         if len(faces) <= count:
             break
         ends, costs = _edges(points, quadrics, faces, refused)
         gone, stays = _apart(ends, costs, faces, len(points), max_error, (len(faces) - count + 1) // 2).T
         sound = _stays_in_order(pixels, faces, gone, stays, len(points))
-        if not len(gone) and not len(refused):
+        if not len(gone) and not changed:
             break
         # A rejected collapse may succeed once its surroundings have changed.
         lately = gone[~sound] * len(points) + stays[~sound]
         refused = np.concatenate([refused, lately])[-len(faces) // 2 :] if len(gone) else refused[:0]
+        changed = bool(sound.any()) or (changed and len(gone) > 0)
         gone, stays = gone[sound], stays[sound]
         quadrics[stays] += quadrics[gone]
         moved = np.arange(len(points))

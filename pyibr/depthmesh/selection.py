@@ -30,7 +30,8 @@ class Selection:
     """Vertices of trees that a camera needs, with a reserve for its motion if `reuse` is not 0.
 
     `reuse` is the fraction by which the selection is finer than the tolerance, and the distance that it extends beyond
-    the camera's view, as a fraction of the distance from the camera.
+    the camera's view, as a fraction of the distance from the camera. For each vertex, errors are drawn as large as at
+    any place that it may then reach in the view.
     """
 
     active: list[DeviceArray]  # of each tree: (side + 1, row) uint8 marks of kernels/depthmesh/tree.h
@@ -53,10 +54,11 @@ class Selection:
             return True
         moved = float(np.linalg.norm(camera.center - own.center))
         turned = float(np.linalg.norm((frustum(camera) - frustum(own))[:, :3], axis=1).max())
-        room, nearest_out = self.motion_limit
-        # A vertex that is out of view by `reuse` times its distance stays out until the view's planes move as far.
-        stays_out = not np.isfinite(nearest_out) or turned + moved / nearest_out <= _ROUNDING * self.reuse
-        return moved <= _ROUNDING * room and stays_out
+        room, nearest = self.motion_limit
+        # A vertex that is out of view by `reuse` times its distance stays out until the view's planes move as far. Nor
+        # can an inactive vertex in view move farther from the axis, where its error is drawn larger, until then.
+        stays = not np.isfinite(nearest) or turned + moved / nearest <= _ROUNDING * self.reuse
+        return moved <= _ROUNDING * room and stays
 
 
 def select_for(trees: Sequence[Tree], camera: Camera, tolerance: float, reuse: float = 0.0) -> Selection:

@@ -26,7 +26,7 @@ Corner = tuple[int, int]  # x, y
 UNDRAWN, DRAWN = 1, 2
 MARGIN = 0.01  # samples by which a vertex's bounding sphere reaches beyond its children's spheres
 ROUNDING = 2**-22  # fraction of the sum of three points' depths: smaller errors of the middle point count as 0
-NEAREST = 1e-20  # scene units: distance that a camera inside a sphere is taken to have
+NEAREST = 1e-15  # scene units: distance that a camera inside a sphere is taken to have
 # UNSEEN: deviations of noise that errors may have without counting. REACH: deviations within which the mean of two
 # opposite samples is averaged with the sample between them. RADIUS: samples around a sample that are averaged.
 UNSEEN, REACH, RADIUS = 0.75, 4.5, 3
