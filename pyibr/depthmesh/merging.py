@@ -17,7 +17,7 @@ from pyibr.core.checks import Float64
 Whole = NDArray[np.int64]
 
 _ROUNDS_MAX = 400  # rounds of collapses: each removes a few percent of the triangles
-_CHEAPEST = 0.3  # fraction of the edges that may collapse in a round
+_CHEAPEST = 0.9  # edges that may collapse in a round, per triangle: about a third of the edges, in either direction
 _SHUFFLE = 2654435761  # multiplicative hash (Knuth): odd, and near the golden section of 2^32
 _NO_COST = 1e-6  # relative to the extent: smaller distances are rounding errors
 _AREA_MIN = 1e-3  # square pixels: smaller triangles count as degenerate
@@ -30,13 +30,15 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
     over in the view, where the vertices `points`, (N, 3), lie at `pixels`, (N, 2).
     """
     quadrics = _quadrics(points, faces)
+    live = np.ones(len(points), np.bool_)  # vertices whose edges may be within the error: costs never fall
     refused = np.empty(0, np.int64)  # edges, start * N + end, whose recent collapses were rejected
     changed = True  # since the refused edges were last tried again
     for _ in range(_ROUNDS_MAX):
         if len(faces) <= count:
             break
-        ends, costs = _edges(points, quadrics, faces, refused)
-        gone, stays = _apart(ends, costs, faces, len(points), max_error, (len(faces) - count + 1) // 2).T
+        ends, costs = _edges(points, quadrics, faces, live, refused)
+        ends, costs = ends[costs <= max_error**2], costs[costs <= max_error**2]
+        gone, stays = _apart(ends, costs, faces, len(points), (len(faces) - count + 1) // 2).T
         sound = _stays_in_order(pixels, faces, gone, stays, len(points))
         if not len(gone) and not changed:
             break
@@ -45,6 +47,10 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
         refused = np.concatenate([refused, lately])[-len(faces) // 2 :] if len(gone) else refused[:0]
         changed = bool(sound.any()) or (changed and len(gone) > 0)
         gone, stays = gone[sound], stays[sound]
+        live[:] = False
+        live[gone] = live[stays] = True
+        live[faces[_with_any(live, faces)]] = True
+        live[ends[:, 0]] = live[refused // len(points)] = True
         quadrics[stays] += quadrics[gone]
         moved = np.arange(len(points))
         moved[gone] = stays
@@ -78,17 +84,25 @@ def _unit(vectors: Float64) -> Float64:
     return vectors / np.where(length > 0, length, 1.0)
 
 
+def _with_any(vertices: NDArray[np.bool_], faces: Whole) -> NDArray[np.bool_]:
+    """Find the triangles with any of the vertices as a corner: (T,) bool. Faster than a reduction of rows of three."""
+    a, b, c = faces.T
+    return vertices[a] | vertices[b] | vertices[c]
+
+
 def _half_edges(faces: Whole) -> tuple[Whole, Whole, Whole]:
     """(E, 2) directed edges of the triangles, (E,) their triangles, and (E,) edge indices, equal in both directions."""
     there = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     low, high = np.sort(there, axis=1).T
-    _, number = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
+    _, number = np.unique(low * (int(faces.max(initial=0)) + 1) + high, return_inverse=True)
     return there, np.repeat(np.arange(len(faces)), 3), number
 
 
-def _edges(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> tuple[Whole, Float64]:
-    """Edges (E, 2) whose first vertex may move to the second, as (from, to), except `refused`; and their costs."""
-    there, _, number = _half_edges(faces)
+def _edges(
+    points: Float64, quadrics: Float64, faces: Whole, live: NDArray[np.bool_], refused: Whole
+) -> tuple[Whole, Float64]:
+    """Edges (E, 2) whose `live` first vertex may move to the second, except `refused`; and their costs."""
+    there, _, number = _half_edges(faces[_with_any(live, faces)])  # all triangles of the edges from live vertices
     sides = np.bincount(number)
     _, first = np.unique(number, return_index=True)
     ends, outline = there[first], sides == 1
@@ -98,7 +112,7 @@ def _edges(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
     on_outline = np.concatenate([outline, outline])
     # Outline vertices stay on the outline, and edges of more than two triangles stay as they are.
     may = (on_outline | ~touches[both[:, 0]]) & (np.concatenate([sides, sides]) <= 2)
-    may &= ~np.isin(both[:, 0] * len(points) + both[:, 1], refused)
+    may &= live[both[:, 0]] & ~np.isin(both[:, 0] * len(points) + both[:, 1], refused)
     both = both[may]
     place = np.column_stack([points[both[:, 1]], np.ones(len(both))])
     sums = quadrics[both[:, 0]] + quadrics[both[:, 1]]
@@ -106,14 +120,13 @@ def _edges(points: Float64, quadrics: Float64, faces: Whole, refused: Whole) -> 
     return both, np.where(cost > (_NO_COST * np.ptp(points, axis=0).max()) ** 2, cost, 0.0)
 
 
-def _apart(ends: Whole, costs: Float64, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
+def _apart(ends: Whole, costs: Float64, faces: Whole, vertices: int, most: int) -> Whole:
     """(n, 2) the cheapest edges without common triangles, at most `most`."""
-    allowed = np.flatnonzero(costs <= max_error**2)
     # A hash breaks ties. On planes all costs are equal: in index order, each edge would wait for the one before.
-    order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, costs[allowed]))]
-    order = order[: max(int(_CHEAPEST * len(costs)), 16)]
+    order = np.lexsort(((ends[:, 0] * vertices + ends[:, 1]) * _SHUFFLE % 2**32, costs))
+    order = order[: max(int(_CHEAPEST * len(faces)), 16)]
     rank = np.arange(len(order))
-    least = np.full(vertices, len(costs), np.int64)
+    least = np.full(vertices, len(order), np.int64)
     ends = ends[order]
     for column in ends.T:
         np.minimum.at(least, column, rank)
@@ -132,9 +145,8 @@ def _stays_in_order(pixels: Float64, faces: Whole, gone: Whole, stays: Whole, ve
     number = np.full(vertices, -1)
     number[gone] = np.arange(len(gone))
     bad = np.zeros(len(gone), np.bool_)
-    corner = target[faces]
-    around = np.flatnonzero((corner >= 0).any(axis=1))
-    some, to = faces[around], corner[around]
+    around = np.flatnonzero(_with_any(target >= 0, faces))
+    some, to = faces[around], target[faces[around]]
     which = np.where(to >= 0, number[some], -1).max(axis=1)
     after = np.where(to >= 0, to, some)
     kept = (after[:, 0] != after[:, 1]) & (after[:, 1] != after[:, 2]) & (after[:, 2] != after[:, 0])
@@ -157,7 +169,7 @@ def _common_neighbours(faces: Whole, gone: Whole, stays: Whole, vertices: int) -
     """For each of the separate edges, count the vertices with edges to both of its ends."""
     number = np.full(vertices, -1)
     number[gone] = number[stays] = np.arange(len(gone))
-    there = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    there = faces[_with_any(number >= 0, faces)][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     there = np.concatenate([there, there[:, ::-1]])
     there = there[(number[there[:, 0]] >= 0) & (number[there[:, 0]] != number[there[:, 1]])]
     is_gone = np.zeros(vertices, np.int64)
