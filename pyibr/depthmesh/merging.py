@@ -17,7 +17,7 @@ from pyibr.core.checks import Float64
 Whole = NDArray[np.int64]
 
 _ROUNDS_MAX = 400  # rounds of collapses: each removes a few percent of the triangles
-_CHEAPEST = 0.9  # edges that may collapse in a round, per triangle: about a third of the edges, in either direction
+_CHEAPEST = 0.3  # fraction of the edges that may collapse in a round
 _SHUFFLE = 2654435761  # multiplicative hash (Knuth): odd, and near the golden section of 2^32
 _NO_COST = 1e-6  # relative to the extent: smaller distances are rounding errors
 _AREA_MIN = 1e-3  # square pixels: smaller triangles count as degenerate
@@ -37,11 +37,11 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
         if len(faces) <= count:
             break
         ends, costs = _edges(points, quadrics, faces, live, refused)
-        ends, costs = ends[costs <= max_error**2], costs[costs <= max_error**2]
-        gone, stays = _apart(ends, costs, faces, len(points), (len(faces) - count + 1) // 2).T
+        gone, stays = _apart(ends, costs, faces, len(points), max_error, (len(faces) - count + 1) // 2).T
         sound = _stays_in_order(pixels, faces, gone, stays, len(points))
         if not len(gone) and not changed:
             break
+        tried = np.concatenate([ends[costs <= max_error**2, 0], refused // len(points)])
         # A rejected collapse may succeed once its surroundings have changed.
         lately = gone[~sound] * len(points) + stays[~sound]
         refused = np.concatenate([refused, lately])[-len(faces) // 2 :] if len(gone) else refused[:0]
@@ -50,7 +50,7 @@ def merged(points: Float64, pixels: Float64, faces: Whole, count: int, max_error
         live[:] = False
         live[gone] = live[stays] = True
         live[faces[_with_any(live, faces)]] = True
-        live[ends[:, 0]] = live[refused // len(points)] = True
+        live[tried] = True
         quadrics[stays] += quadrics[gone]
         moved = np.arange(len(points))
         moved[gone] = stays
@@ -120,13 +120,14 @@ def _edges(
     return both, np.where(cost > (_NO_COST * np.ptp(points, axis=0).max()) ** 2, cost, 0.0)
 
 
-def _apart(ends: Whole, costs: Float64, faces: Whole, vertices: int, most: int) -> Whole:
+def _apart(ends: Whole, costs: Float64, faces: Whole, vertices: int, max_error: float, most: int) -> Whole:
     """(n, 2) the cheapest edges without common triangles, at most `most`."""
+    allowed = np.flatnonzero(costs <= max_error**2)
     # A hash breaks ties. On planes all costs are equal: in index order, each edge would wait for the one before.
-    order = np.lexsort(((ends[:, 0] * vertices + ends[:, 1]) * _SHUFFLE % 2**32, costs))
-    order = order[: max(int(_CHEAPEST * len(faces)), 16)]
+    order = allowed[np.lexsort((allowed * _SHUFFLE % 2**32, costs[allowed]))]
+    order = order[: max(int(_CHEAPEST * len(costs)), 16)]
     rank = np.arange(len(order))
-    least = np.full(vertices, len(order), np.int64)
+    least = np.full(vertices, len(costs), np.int64)
     ends = ends[order]
     for column in ends.T:
         np.minimum.at(least, column, rank)
