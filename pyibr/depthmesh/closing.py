@@ -9,20 +9,28 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pyibr.core.checks import Float64
 from pyibr.depthmesh.far_sides import FarSides, far_sides_of
 from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import active_within
 from pyibr.depthmesh.tree import Tree, build_tree
 from pyibr.depthmesh.triangulation import Triangles, list_triangles
 from pyibr.depthmesh.viewpoints import DrawnViews
+from pyibr.images import DepthImage
 from pyibr.opencl.memory import upload
 
 Closed = Literal["sheets"] | bool
 """Ways of closing holes; False leaves holes open."""
 
+Missing = Literal["unknown", "empty"]
+"""Meanings of a sample without depth: its ray is not known, or meets no surface."""
+
 _COARSE_ERROR = 0.001  # relative to the largest extent: error of the coarse meshes
 _BACK_ERROR = 0.003  # relative to the largest extent: error of the back sides, which are not shown
 _SHEET_STEP = 4  # samples along the sides of sheets' cells
+_SIDES_ANGLE = 30.0  # degrees between the directions of two views that show a thing from different sides
+_WHOLE = 0.98  # fraction of the surface that a view of the whole thing shows; the rest is noise
+_PROBES = 5000  # points of the surface that are looked up in each view
 _STRIDE = 0.015  # relative to the largest extent: distance between points along rays that look for empty space
 
 
@@ -76,7 +84,7 @@ class Closing:
         return made
 
 
-def closing_of(trees: Sequence[Tree], extent: float, closed: Closed) -> Closing:
+def closing_of(trees: Sequence[Tree], extent: float, closed: Closed, missing: Missing) -> Closing:
     """Make the surfaces that close the holes of the trees' meshes; `extent` is the largest edge of their box."""
     views = [tree.view for tree in trees]
     if closed == "sheets":
@@ -87,7 +95,7 @@ def closing_of(trees: Sequence[Tree], extent: float, closed: Closed) -> Closing:
     sheets = list(map(_sheets_of, trees))
     limits = list[NDArray[np.float32]]()
     for view in views:
-        unseen = np.where(view.depth >= view.far, np.float32(np.inf), np.float32(0))
+        unseen = np.where((view.depth >= view.far) | (missing == "empty"), np.float32(np.inf), np.float32(0))
         limits.append(np.where(view.valid, view.depth, unseen))
     far_sides = list(map(far_sides_of, trees, limits))
     depths = [one.depth for one in far_sides]
@@ -107,9 +115,33 @@ def closing_of(trees: Sequence[Tree], extent: float, closed: Closed) -> Closing:
         "perspectives": upload(np.array([view.camera.projection == "perspective" for view in views], np.int32)),
         "view_count": len(views),
         "stride": _STRIDE * extent,
-        "enclosed": all(bool(np.isfinite(limit).all()) for limit in limits),  # no view saw background
+        "enclosed": _are_enclosed(views, limits),
     }
     return Closing(surfaces, backs, sheets, far_sides, arguments)
+
+
+def _are_enclosed(views: Sequence[DepthImage], limits: Sequence[NDArray[np.float32]]) -> bool:
+    """Tell whether every ray must meet a surface, as in a room: no view saw background.
+
+    A thing whose views show all of it, from several sides, is not enclosed, though its views lack the background.
+    """
+    if not all(bool(np.isfinite(limit).all()) for limit in limits):
+        return False
+    directions = np.array([view.camera.forward for view in views])
+    if all(view.valid.all() for view in views) or (directions @ directions.T).min() > np.cos(np.radians(_SIDES_ANGLE)):
+        return True
+    each = -(-_PROBES // len(views))
+    probes = list[Float64]()
+    for view in views:
+        y, x = np.nonzero(view.valid)
+        y, x = (part[:: -(-len(part) // each)] for part in (y, x))
+        probes.append(view.camera.unproject(np.column_stack([x, y]).astype(np.float64), view.depth[y, x]))
+    for view in views:
+        pixels, depth = view.camera.project(np.concatenate(probes))
+        shown = (np.abs(pixels - 0.5 * np.subtract(view.camera.size, 1)) <= 0.5 * np.array(view.camera.size)).all(axis=1)
+        if np.mean(shown & (depth > 0)) < _WHOLE:
+            return True
+    return False
 
 
 def _least_in_cells(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, Immutable, checked_bool, describe, instance_of, integer_from, number_from, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.undistortion import check_no_lens, covering_camera
-from pyibr.depthmesh.closing import Closed, closing_of
+from pyibr.depthmesh.closing import Closed, Missing, closing_of
 from pyibr.depthmesh.drawing import Blending, build_ahead_of_meshes, draw_depth_meshes
 from pyibr.depthmesh.mesh import DepthMesh, checked_tolerance
 from pyibr.depthmesh.segmentation import Segmentation
@@ -63,9 +63,12 @@ class DepthMeshObject(Immutable):
         closed if its ray must meet an unseen surface: the ray meets the back of a mesh, or passes behind a depth edge
         and from there on crosses no space that a view saw to be empty. At such an edge the near surface ends half a
         sample beyond its samples, and the far surface continues behind the near one. Closed surface is a guess, and
-        `Frame.guessed` is its mask. Infinite depths, and depths from the view's `far` on, mark empty space; NaN and 0
-        mark unknown space. "sheets", as in the paper (section 4.5): coarse meshes of the drawn views that keep their
+        `Frame.guessed` is its mask. "sheets", as in the paper (section 4.5): coarse meshes of the drawn views that keep their
         rubber sheets fill the holes; they cover empty space, too.
+    missing : {"unknown", "empty"}
+        Meaning of a sample without depth (NaN or 0) where rays close holes. "unknown": the view does not decide, as in
+        frames of depth cameras. "empty": its ray meets no surface, as in pictures of an object alone. Infinite depth,
+        and depth from the view's `far` on, is always empty.
     segmentation : Segmentation, optional
         Segmentation for all views; by default each `DepthMesh` keeps its own.
     match_exposures : bool
@@ -107,6 +110,7 @@ class DepthMeshObject(Immutable):
         blended: int = 3,
         epsilon: float | None = None,
         closed: Closed = True,
+        missing: Missing = "unknown",
         segmentation: Segmentation | None = None,
         match_exposures: bool = False,
         choose: Choice = "closest",
@@ -121,6 +125,8 @@ class DepthMeshObject(Immutable):
         if not isinstance(closed, bool) and closed != "sheets":  # pyright: ignore[reportUnnecessaryComparison]
             raise ArgumentError("closed", 'True, False or "sheets"', describe(closed))
         self.closed: Closed = closed
+        one_of("missing", missing, Missing)
+        self.missing: Missing = missing
         checked_bool("match_exposures", match_exposures)
         self.match_exposures = match_exposures
         one_of("choose", choose, Choice)
@@ -181,7 +187,7 @@ class DepthMeshObject(Immutable):
         closeness, order = viewpoints.ranked(target.camera, self.choose == "facing")
         drawn = viewpoints.drawn(target.camera, order, self.blended, self.closed)
         if self.closed:
-            closing = cached_on_device(self, "closing", lambda: closing_of(trees, self.extent, self.closed))
+            closing = cached_on_device(self, "closing", lambda: closing_of(trees, self.extent, self.closed, self.missing))
         draw_depth_meshes(
             target,
             self,

@@ -13,6 +13,7 @@ pytest.importorskip("open3d")
 import pyibr as ibr
 from pyibr.capture import MeshScene, models, object_views
 from pyibr.core.camera import Camera
+from pyibr.depthmesh.closing import closing_of
 from pyibr.images import metrics
 from tests.depthmesh.views import PROJECTIONS
 from tests.one_lane import one_lane
@@ -125,6 +126,43 @@ def farther(frame: ibr.Frame, truth: ibr.DepthImage) -> int:
     """Count pixels that show a surface behind the true nearest one."""
     both = frame.valid & truth.valid
     return int((frame.depth - truth.depth > 0.05 * truth.depth)[both].sum())
+
+
+@pytest.mark.parametrize("background", [np.nan, 0.0])
+def test_background_without_depth_is_not_spanned(background):
+    """Views of a whole thing from several sides are no views of a room, though none saw the background."""
+    views = object_views(knot(), 96)
+    lacking = [ibr.DepthImage(v.color, np.where(v.valid, v.depth, np.float32(background)), v.camera) for v in views]
+    things = [ibr.DepthMeshObject(views), ibr.DepthMeshObject(lacking), ibr.DepthMeshObject(lacking, missing="empty")]
+    bare = ibr.DepthMeshObject(lacking, closed=False)
+    for eye in ((5.1, -4.7, 6.2), (-3.5, 7.5, -5)):
+        camera = Camera.look_at(eye, (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
+        known, *unknown = (overlap(*against(knot(), thing, camera)) for thing in things)
+        assert min(unknown) >= known - 0.001 > overlap(*against(knot(), bare, camera))
+
+
+def overlap(frame: ibr.Frame, truth: ibr.DepthImage) -> float:
+    return float((frame.valid & truth.valid).sum() / (frame.valid | truth.valid).sum())
+
+
+def test_a_room_with_holes_is_closed_as_one_without():
+    """Views from inside of a room show no part of it whole: their missing samples are no background."""
+    room = joined([box((0, 0, 0), (-3, -3, -1.5)), box((1.2, 0.3, -0.4), (0.3, 0.8, 0.8))])
+    cameras = [
+        Camera.look_at((-2, -1, 0), at, (0, 0, 1), (120, 90), fov_y=70) for at in ((3, 0, -0.5), (3, -2, -0.5), (1, 3, 0))
+    ]
+    views = [room.capture(camera) for camera in cameras]
+    rng = np.random.default_rng(0)
+    for view in views:
+        assert view.valid.all()
+    holed = [ibr.DepthImage(v.color, np.where(rng.random(v.depth.shape) < 0.1, 0, v.depth), v.camera) for v in views]
+    assert all(is_enclosed(some) for some in (views, holed))
+    assert not is_enclosed([ibr.DepthImage(v.color, v.depth, v.camera, far=4.0) for v in views])
+
+
+def is_enclosed(views: list[ibr.DepthImage]) -> bool:
+    thing = ibr.DepthMeshObject(views)
+    return bool(closing_of([mesh.tree for mesh in thing.meshes], thing.extent, True, "unknown").arguments["enclosed"])
 
 
 def test_what_is_open_stays_open():

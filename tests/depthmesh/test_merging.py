@@ -10,6 +10,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from pyibr.depthmesh import merging
 from tests.data import shared
 from tests.depthmesh.test_bad_input import refused
 from tests.depthmesh.test_noise import corner_of_a_room, view_of
@@ -69,6 +70,27 @@ def test_the_error_holds_whatever_the_count():
     # The mesh is off the planes by at most `bound`, perpendicular to them. Lines of sight meet the floor at 15 degrees
     # or more, so that depth is off by up to four times as much.
     assert np.quantile(np.abs(frame.depth - clean)[frame.valid], 0.99) < 6 * bound
+
+
+def test_merging_stops_when_all_that_is_allowed_is_refused(monkeypatch):
+    """The bound stops it after a few rounds, and it passes over no edge that might still collapse."""
+    rng = np.random.default_rng(0)
+    height = np.cumsum(np.cumsum(rng.normal(size=(49, 65)), 0), 1)
+    camera = Camera([[1, 0, 32], [0, 1, 24], [0, 0, 1]], (65, 49), projection="orthographic")
+    depth = (40 - 12 * (height - height.min()) / np.ptp(height)).astype(np.float32)
+    thing = ibr.DepthMesh(ibr.DepthImage(np.zeros((49, 65, 3), np.uint8), depth, camera, noise=0.0))
+    bound, whole = 0.1, thing.simplify(0.1)
+    points, pixels = whole.vertices.astype(np.float64), camera.project(whole.vertices.astype(np.float64))[0]
+    given = points, pixels, whole.faces.astype(np.int64), 1, bound
+    left, rounds, edges = merging.merged(*given), [], merging._edges
+
+    def all_edges(points, quadrics, faces, live, refused):
+        rounds.append(len(faces))
+        return edges(points, quadrics, faces, np.ones_like(live), refused)
+
+    monkeypatch.setattr(merging, "_edges", all_edges)
+    np.testing.assert_array_equal(merging.merged(*given), left)
+    assert len(left) < 0.98 * len(whole.faces) and len(rounds) < 60  # of 400
 
 
 def test_one_triangle_is_the_least():

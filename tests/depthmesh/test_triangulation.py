@@ -233,6 +233,46 @@ def test_errors_in_pixels(name, tolerance):
     assert np.mean(left) < {1: 0.95, 2: 0.8, 4: 0.6}[tolerance]
 
 
+def shapes(size: scenes.Size, projection: str) -> dict[str, ibr.DepthImage]:
+    """Views of walls that are rough, wavy, or flat with single spikes, all without noise."""
+    a, b = scenes.image_coordinates(size)
+    rng, depth = np.random.default_rng(7), {}
+    depth["rough"] = 4 + rng.normal(0, 0.03, a.shape)
+    depth["waves"] = 4 + 0.05 * np.sin(40 * a) * np.cos(31 * b)
+    depth["spikes"] = np.where(rng.random(a.shape) < 0.01, 3.96, 4.0)
+    camera = scenes.source_camera(size, projection)
+    color = np.zeros((*size[::-1], 3), np.uint8)
+    return {name: ibr.DepthImage(color, z.astype(np.float32), camera, noise=0.0) for name, z in depth.items()}
+
+
+@pytest.mark.parametrize("fov", [60, 100, 140])
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_the_tolerance_holds_at_every_angle_from_the_axis(projection, fov):
+    """Errors are largest where the surface lies far off the axis; the border of the surface, too, is within them."""
+    count = 160
+    for view in shapes((73, 57), projection).values():
+        thing, own = ibr.DepthMesh(view, segmentation=Segmentation("none")), view.camera.world_from_camera
+        fine, left = thing.simplify(0.0), []
+        points = fine.vertices.astype(np.float64)
+        for yaw, pitch in ((0.4, 0.1), (-0.3, 0.3), (0.1, -0.42)):
+            turn = scenes.pose(yaw=yaw * fov, pitch=pitch * fov)
+            there = Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), (count, count), fov_y=fov)
+            place = np.eye(4)
+            place[:3, 3] = own[:3, :3].T @ (points.mean(axis=0) - own[:3, 3]) - (0, 0, 1.2)
+            camera = Camera(there.K, there.size, own @ place @ turn)
+            coarse = thing.triangulate(camera, tolerance=0.25)
+            left.append(len(coarse.faces) / len(fine.faces))
+            rays = rays_of(camera).astype(np.float32)
+            t = embree(coarse).cast_rays(rays)["t_hit"].numpy().astype(np.float64)
+            seen = np.isfinite(t)
+            at = rays[seen, :3] + rays[seen, 3:] * t[seen, None]
+            near = embree(fine).compute_closest_points(at.astype(np.float32))["points"].numpy().astype(np.float64)
+            # The rays' float32 rounds by 2^-23 of distances of up to 10, a thousandth of the least pixel.
+            off = np.linalg.norm(camera.project(near)[0] - camera.project(at)[0], axis=1)
+            assert seen.mean() > 0.05 and off.max() <= 0.251
+        assert min(left) < 0.9
+
+
 @pytest.mark.parametrize("name", ["torus", "rough"])
 def test_the_largest_errors_take_fewer_triangles(name):
     """The paper's rule, the largest error instead of the sum, never takes more triangles, and errors grow little."""
