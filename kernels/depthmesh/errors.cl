@@ -67,8 +67,9 @@ floatl vertex_nearness(const Layout *layout, const Tree *tree, intl x, intl y)
 /* The drawn vertex of sample (x, y) at a nearness, in the frame of the view's camera */
 Vector drawn_point(const Layout *layout, intl x, intl y, floatl n)
 {
-    return point_of(layout, to_floatl(x) + beyond_sample(x, layout->width), to_floatl(y) + beyond_sample(y, layout->height),
-                    DEPTH_OF(layout->perspective, n));
+    const floatl u = to_floatl(x) + beyond_sample(x, layout->width);
+    const floatl v = to_floatl(y) + beyond_sample(y, layout->height);
+    return point_of(layout, u, v, DEPTH_OF(layout->perspective, n));
 }
 
 typedef struct {
@@ -128,9 +129,10 @@ INLINED floatl bisection_error(const Layout *layout, intl x, intl y, floatl n, i
     return select_lanes(known & (off > ROUNDING * (fabs(a.z) + fabs(b.z) + fabs(p.z))), off, (floatl)0.0f);
 }
 
-/* Own errors of the centres p of blocks from column `left` to `right` and row `top` to `bottom`. corner: nearness of the
- * corners, row by row. In a block of step s at the border, p may not lie on the diagonal in the image. There the error is the larger distance from p to the planes of the two triangles at the diagonal; a plane with a
- * corner without sample does not count. This is a bound, as surfaces with and without p differ most at p. */
+/* Own errors of the centres p of blocks from column `left` to `right` and row `top` to `bottom`. corner: nearness of
+ * the corners, row by row. In a block of step s at the border, p may not lie on the diagonal in the image. There the
+ * error is the larger distance from p to the planes of the two triangles at the diagonal; a plane with a corner without
+ * sample does not count. This is a bound, as surfaces with and without p differ most at p. */
 floatl center_error(const Layout *layout, intl x, intl y, int s, floatl n, intl left, intl right, intl top, intl bottom,
                     const floatl corner[4])
 {
@@ -167,7 +169,8 @@ void add_error(const Layout *layout, const Tree *tree, floatl own, intl states, 
     own = select_lanes(drawn, fmax(own - UNSEEN * NOISE_AT(layout->noise, v->depth), (floatl)0.0f), (floatl)0.0f);
     v->below = fmax(v->error, (floatl)0.0f);
     v->sum = own + v->below;
-    const floatl in_pairs = fmax(own + v->child_below, v->child_sum), bound = tree->largest ? own : fmin(v->sum, in_pairs);
+    const floatl in_pairs = fmax(own + v->child_below, v->child_sum);
+    const floatl bound = tree->largest ? own : fmin(v->sum, in_pairs);
     const floatl joined = fmax(fmax(v->below, bound), select_lanes(partly, length, (floatl)0.0f));
     v->error = select_lanes(drawn, joined, v->error);
 }

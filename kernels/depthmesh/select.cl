@@ -45,7 +45,8 @@ INLINED floatl stretch_of(const Viewer *viewer, Vector p, floatl from_eye, float
         return 1.0f;
     const float *axis = viewer->planes[4];
     const floatl z = axis[0] * p.x + axis[1] * p.y + axis[2] * p.z + axis[3], far = from_eye * from_eye;
-    const floatl aside = sqrt(fmax(far - z * z, (floatl)0.0f)), before = sqrt(fmax(far - radius * radius, (floatl)0.0f));
+    const floatl aside = sqrt(fmax(far - z * z, (floatl)0.0f));
+    const floatl before = sqrt(fmax(far - radius * radius, (floatl)0.0f));
     /* 1 / cosine of the sum of t and the sphere's angle */
     const floatl secant = far / fmax(z * before - aside * radius, viewer->least_cosine * far);
     return secant * secant;

@@ -19,7 +19,7 @@
  * at (+-s, 0) and (0, +-s). In a triangulation without cracks, the parents of each active (used) vertex are active.
  *
  * A sample stands for its whole pixel, so vertices at outermost samples are drawn half a pixel farther out, with the
- * nearness that samples.cl computes there. The states and errors of vertices refer to the samples.
+ * nearness that samples.cl computes there. The states of vertices refer to the samples, their errors to drawn vertices.
  *
  * The point at pixel (x, y) and depth z is stored as (a, b, c): (x z, y z, z) in a perspective view, (x, y, -z) in an
  * orthographic view. A 4x4 matrix maps (a, b, c, 1) to another camera's pixel space.

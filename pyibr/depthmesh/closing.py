@@ -138,8 +138,8 @@ def _are_enclosed(views: Sequence[DepthImage], limits: Sequence[NDArray[np.float
         probes.append(view.camera.unproject(np.column_stack([x, y]).astype(np.float64), view.depth[y, x]))
     for view in views:
         pixels, depth = view.camera.project(np.concatenate(probes))
-        shown = (np.abs(pixels - 0.5 * np.subtract(view.camera.size, 1)) <= 0.5 * np.array(view.camera.size)).all(axis=1)
-        if np.mean(shown & (depth > 0)) < _WHOLE:
+        in_picture = (pixels >= -0.5) & (pixels <= np.subtract(view.camera.size, 0.5))
+        if np.mean(in_picture.all(axis=1) & (depth > 0)) < _WHOLE:
             return True
     return False
 

@@ -62,10 +62,11 @@ class DepthMesh(Immutable):
     segmentation : Segmentation, optional
         Test that removes triangles which bridge two surfaces; by default the paper's test.
     errors : {"sum", "largest"}
-        Estimate of the error where a vertex and its children are left out: the "sum" of their errors is an upper
-        bound; the "largest" of them, as in the paper (section 3.2), is seldom exceeded and takes fewer triangles at
-        the same tolerance. The sum is the default because the tolerance then holds. Neither counts errors that the
-        view's noise explains, if that noise is known or estimated (`DepthImage.noise`).
+        Estimate of the error where a vertex and its descendants are left out: the "sum" of their errors, where of a
+        vertex and its child only the larger one counts, is an upper bound; the "largest" of them, as in the paper
+        (section 3.2), is seldom exceeded and takes fewer triangles at the same tolerance. The sum is the default
+        because the tolerance then holds. Neither counts errors that the view's noise explains, if that noise is known
+        or estimated (`DepthImage.noise`).
     reuse : float
         Reuse of triangles while the camera moves little: 0 to 0.5, 0 for none. With 0.1, the triangles are chosen
         for a tolerance that is a tenth finer and a view that is a tenth wider, and are drawn again as long as they

@@ -63,12 +63,13 @@ class DepthMeshObject(Immutable):
         closed if its ray must meet an unseen surface: the ray meets the back of a mesh, or passes behind a depth edge
         and from there on crosses no space that a view saw to be empty. At such an edge the near surface ends half a
         sample beyond its samples, and the far surface continues behind the near one. Closed surface is a guess, and
-        `Frame.guessed` is its mask. "sheets", as in the paper (section 4.5): coarse meshes of the drawn views that keep their
-        rubber sheets fill the holes; they cover empty space, too.
+        `Frame.guessed` is its mask. "sheets", as in the paper (section 4.5): coarse meshes of the drawn views that keep
+        their rubber sheets fill the holes; they cover empty space, too.
     missing : {"unknown", "empty"}
         Meaning of a sample without depth (NaN or 0) where rays close holes. "unknown": the view does not decide, as in
-        frames of depth cameras. "empty": its ray meets no surface, as in pictures of an object alone. Infinite depth,
-        and depth from the view's `far` on, is always empty.
+        frames of depth cameras; a scene without empty samples counts as a room, where every ray meets a surface, unless
+        the views show a thing whole from several sides. "empty": the sample's ray meets no surface, as in pictures of
+        an object alone. Infinite depth, and depth from the view's `far` on, is always empty.
     segmentation : Segmentation, optional
         Segmentation for all views; by default each `DepthMesh` keeps its own.
     match_exposures : bool
@@ -187,7 +188,9 @@ class DepthMeshObject(Immutable):
         closeness, order = viewpoints.ranked(target.camera, self.choose == "facing")
         drawn = viewpoints.drawn(target.camera, order, self.blended, self.closed)
         if self.closed:
-            closing = cached_on_device(self, "closing", lambda: closing_of(trees, self.extent, self.closed, self.missing))
+            closing = cached_on_device(
+                self, "closing", lambda: closing_of(trees, self.extent, self.closed, self.missing)
+            )
         draw_depth_meshes(
             target,
             self,

@@ -149,7 +149,8 @@ def test_a_room_with_holes_is_closed_as_one_without():
     """Views from inside of a room show no part of it whole: their missing samples are no background."""
     room = joined([box((0, 0, 0), (-3, -3, -1.5)), box((1.2, 0.3, -0.4), (0.3, 0.8, 0.8))])
     cameras = [
-        Camera.look_at((-2, -1, 0), at, (0, 0, 1), (120, 90), fov_y=70) for at in ((3, 0, -0.5), (3, -2, -0.5), (1, 3, 0))
+        Camera.look_at((-2, -1, 0), at, (0, 0, 1), (120, 90), fov_y=70)
+        for at in ((3, 0, -0.5), (3, -2, -0.5), (1, 3, 0))
     ]
     views = [room.capture(camera) for camera in cameras]
     rng = np.random.default_rng(0)

@@ -245,7 +245,11 @@ class Tree:
         corners = np.array([self.sample(at) for side in sides for at in side.corners])
         at_border = (corners == 0) | (corners == np.subtract(self.view.camera.size, 1))
         if at_border.any() and start[0] != end[0] and start[1] != end[1]:
-            planes = [np.cross(b - a, self.drawn_place(side.apex, self.depth) - a) for side in sides if self.is_sample(side.apex)]
+            planes = [
+                np.cross(b - a, self.drawn_place(side.apex, self.depth) - a)
+                for side in sides
+                if self.is_sample(side.apex)
+            ]
             off = max([0.0, *(float(abs((p - a) @ normal) / np.linalg.norm(normal)) for normal in planes)])
             return off if off > 2 * ROUNDING * (abs(a[-1]) + abs(b[-1]) + abs(p[-1])) else 0.0
         if start[0] == end[0] or start[1] == end[1]:
