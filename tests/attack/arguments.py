@@ -341,6 +341,7 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
         blended=chance.mostly(2),
         epsilon=chance.mostly(chance.one([None, 0.0, 0.1 * scale, 1e30])),
         closed=chance.mostly(chance(0.5)),
+        missing=chance.mostly(chance.one(["unknown", "empty"])),
         choose=chance.mostly(chance.one(["closest", "facing"])),
         reuse=chance.mostly(chance.one([0, 0.2])),
     )
