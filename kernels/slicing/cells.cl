@@ -14,7 +14,6 @@
 /* In sample distances: */
 #define EDGE 3.0f      /* neighbouring samples farther apart in depth belong to two surfaces */
 #define RISE_MAX 2.0f  /* greatest depth by which a surface may be nearer than its samples */
-#define NOTHING (1.0f / 64) /* lower creases are ignored */
 /* In other units: */
 #define ROUND 0.375f   /* fraction of the bend next to a crease by which the crease is lowered, as roundness */
 #define FALL 1e30f     /* stands for the difference in nearness to a neighbour that is not solid */
@@ -85,15 +84,15 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     /* The lines through the two samples on either side meet this far above the side, in nearness. */
     const floatl left = bend[2], right = bend[3];
     const floatl height = left / max_lanes(left + right, (floatl)1e-30f) * right;
-    /* A round surface bends as much at the next sides on this line. It rises above its chord by an eighth of this bend,
-     * and a crease by a half. */
-    const floatl around = min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
-                                    select_lanes(joined[3], bend[4], (floatl)FALL));
-    const intl known = joined[2] & (min_lanes(left, right) < FALL);
+    /* A round surface bends as much at each sample of this line. It rises above its chord by an eighth of this bend, and
+     * a crease by a half. Narrow facets bend more at some samples than at others, so the smallest bend counts. */
+    const floatl around = min_lanes(min_lanes(left, right), min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
+                                                                      select_lanes(joined[3], bend[4], (floatl)FALL)));
+    const intl known = joined[2] & (joined[1] | joined[3]);
     const CellSide side = {select_lanes(joined[1], max_lanes(change[1], (floatl)0.0f), (floatl)0.0f),
                            select_lanes(joined[3], max_lanes(-change[3], (floatl)0.0f), (floatl)0.0f),
-                           select_lanes(known, max_lanes(height - ROUND * around, (floatl)0.0f), (floatl)0.0f),
-                           max_lanes(max_lanes(left, right) - around, (floatl)0.0f)};
+                           select_lanes(known, height - ROUND * around, (floatl)0.0f),
+                           max_lanes(left, right) - around};
     return side;
 }
 
@@ -153,7 +152,7 @@ OUTLINED void find_packet(global const float *depth, CellImage image, int low, i
                      sharp = max_lanes(max_lanes(above.sharp, below.sharp), max_lanes(left.sharp, right.sharp));
         const floatl both = max_lanes(above.crease, below.crease) + max_lanes(left.crease, right.crease) +
                             0.25f * min_lanes(twist, sharp),
-                     crease = select_lanes(both < NOTHING * sample, (floatl)0.0f, min_lanes(both, RISE_MAX * sample));
+                     crease = min_lanes(both, RISE_MAX * sample);
         const intl other = select_lanes(beside_empty, (intl)OUTLINE_CELL,
                                         select_lanes(whole & (crease == 0.0f), (intl)0, (intl)OTHER_CELL));
         kind = select_lanes(nothing, (intl)EMPTY_CELL, other);

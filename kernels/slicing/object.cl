@@ -29,7 +29,6 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
             global const float *maps, global const float *reaches, global const uint *colors, global const int *order,
             global const float *closeness,
             int view_count, Box box, int slices_axis, int halvings /* bisections in front of a hit */,
-            int finds_thin /* 1: also searches for parts thinner than the slice spacing */,
             int visible /* 1: colours come from views that see the points, if there are any */,
             int unknown /* 1: a point that projects outside a view's image passes the view's test */,
             float outline /* where views' surfaces end: surface_at() */,
@@ -63,7 +62,7 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     const RaySegment segment = segment_in_box(box, &ray, screen.perspective ? 1.0f / screen.nearest : 0.0f,
                                               slices_axis);
     floatl hit = 0.0f;
-    intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, finds_thin, &hit, &tests);
+    intl tests = 0, found = intersect_object(&views, &ray, segment, drawn, halvings, &hit, &tests);
     const floatl nearness = DEPTH_OF(screen.perspective, hit);
     found = found & (nearness > so_far); /* the first of several equally near objects stays visible */
     region.nearness[0] = select_lanes(found, nearness, so_far);

@@ -99,7 +99,7 @@ intl intersect_between(const Views *views, const ViewRays *rays, RaySegment segm
 /* Returns which rays meet the object in front of `drawn`, the depth that the picture already shows. Sets `hit` to the
  * depth where they meet the object. */
 OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegment segment, floatl drawn, int halvings,
-                      int finds_thin, floatl *hit, intl *tests)
+                      floatl *hit, intl *tests)
 {
     intl searches = segment.front <= segment.back, found = 0, last = -1;
     if (!any_lane(searches))
@@ -125,7 +125,7 @@ OUTLINED intl intersect_object(const Views *views, const WorldRay *ray, RaySegme
         *hit = select_lanes(inside, z, *hit);
         found = found | inside;
         const intl crossed = active & !inside & (passed != last);
-        if (finds_thin && any_lane(crossed))
+        if (any_lane(crossed))
             found = found |
                     intersect_between(views, &rays, segment, z, fabs(per_slice), halvings, crossed, passed, hit, tests);
         last = select_lanes(active, passed, last);

@@ -93,7 +93,6 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
             box=Struct("Box", record),
             slices_axis=slices_axis(thing, camera),
             halvings=halvings,
-            finds_thin=thing.slices == "view",
             visible=thing.texture == "visible",
             unknown=thing.missing == "unknown",
             outline=outline_of(len(order)),

@@ -87,20 +87,15 @@ class DepthSurface:
         """Return how far a crease between (x, y) and the next sample rises above their chord, and its sharpness.
 
         Planes that continue the surface from both sides meet in the crease. If the surface also bends farther away, it
-        is round: that bend reduces the height and the sharpness.
+        is round: the smallest bend reduces the height and the sharpness.
         """
         first, last = self.bend(x, y, dx, dy), self.bend(x + dx, y + dy, dx, dy)
-        beside = [
-            np.where(
-                self.change(x + k * dx, y + k * dy, dx, dy)[1], self.bend(x + m * dx, y + m * dy, dx, dy), self.FALL
-            )
-            for k, m in ((-1, -1), (1, 2))
-        ]
-        around = np.minimum(*beside)
+        joined = [self.change(x + k * dx, y + k * dy, dx, dy)[1] for k in (-1, 0, 1)]
+        beside = [self.bend(x + m * dx, y + m * dy, dx, dy) for m in (-1, 2)]
+        around = np.min([first, last, *(np.where(joined[k], beside[k // 2], self.FALL) for k in (0, 2))], axis=0)
         peak = first / np.maximum(first + last, 1e-300) * last
-        known = self.change(x, y, dx, dy)[1] & (np.minimum(first, last) < self.FALL)
-        sharp = np.maximum(np.maximum(first, last) - around, 0)
-        return np.where(known, np.maximum(peak - 0.375 * around, 0), 0), sharp
+        known = joined[1] & (joined[0] | joined[2])
+        return np.where(known, peak - 0.375 * around, 0), np.maximum(first, last) - around
 
     def corners(self, left: np.ndarray, top: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         right, low = np.minimum(left + 1, self.n.shape[1] - 1), np.minimum(top + 1, self.n.shape[0] - 1)
@@ -124,7 +119,6 @@ class DepthSurface:
         sharp = np.max([sharp for pair in creases for _, sharp in pair], axis=0)
         peak = sum(np.maximum(a, b) for (a, _), (b, _) in creases) + 0.25 * np.minimum(twist, sharp)
         crease = np.minimum(peak, self.REACH * sample)
-        crease = np.where(crease < sample / 64, 0, crease)  # too small to matter
         rises = [
             np.maximum(-self.rise(u, v, 1, 0) if k & 1 else self.rise(u - 1, v, 1, 0), 0)
             + np.maximum(-self.rise(u, v, 0, 1) if k & 2 else self.rise(u, v - 1, 0, 1), 0)
