@@ -13,22 +13,24 @@
  *
  * matrices: (views, 16) from the world to each view's pixel space. sizes: (views, 3) width, height and start in colors;
  * in maps, the start is twice as large, except for masks. maps: (views, 2, height, width) records.h, or (views, height,
- * width) masks of 0 and 1. reaches: (views,) greatest difference in nearness between a view's surface and its samples.
- * colors: RGBA bytes, A = 255 where the view has a sample. order: (views,) views in the order of testing. closeness:
- * (views,) cosine of the angle between the view's direction and the target's, > 0. The origin of world coordinates is
- * the box's middle. counters: (height, width) view tests, with COUNTERS. With RIBBONS, firsts: index of each sample's
- * first ribbon, for all views, then the count of all ribbons; ribbons: (N, RIBBON_FLOATS), records.h. Work-item: with
- * LANES 16 a block of 4 x 4 pixels, one to a lane; with LANES 1 a pixel. Cost: O(pixels * slices * views tested).
- * Determinism: fixed order.
+ * width) masks of 0 and 1. surfaces: (views, 2, height, width) records.h, the object's surface as each view sees it:
+ * `maps`, or for silhouettes the hull's depth in each view. reaches: (views,) greatest difference in nearness between a
+ * view's surface and its samples. colors: RGBA bytes, A = 255 where the view has a sample. order: (views,) views in the
+ * order of testing, then views that only give colours. closeness: (views,) cosine of the angle between the view's
+ * direction and the target's, > 0. The origin of world coordinates is the box's middle. counters: (height, width) view
+ * tests, with COUNTERS. With RIBBONS, firsts: index of each sample's first ribbon, for all views, then the count of all
+ * ribbons; ribbons: (N, RIBBON_FLOATS), records.h. Work-item: with LANES 16 a block of 4 x 4 pixels, one to a lane;
+ * with LANES 1 a pixel. Cost: O(pixels * slices * views tested). Determinism: fixed order.
  */
 #define BIN BLOCK
 #include "raster/region.h"
 #include "slicing/view_colors.h"
 
 kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *matrices, global const int *sizes,
-            global const float *maps, global const float *reaches, global const uint *colors, global const int *order,
-            global const float *closeness,
-            int view_count, Box box, int slices_axis, int halvings /* bisections in front of a hit */,
+            global const float *maps, global const float *surfaces, global const float *reaches,
+            global const uint *colors, global const int *order, global const float *closeness,
+            int view_count /* views that test points */, int colored /* views that give colours */,
+            Box box, int slices_axis, int halvings /* bisections in front of a hit */,
             int visible /* 1: colours come from views that see the points, if there are any */,
             int unknown /* 1: a point that projects outside a view's image passes the view's test */,
             float outline /* where views' surfaces end: surface_at() */,
@@ -49,8 +51,8 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     Region region;
     begin_in_picture(&region, &picture, x, y);
 
-    const Views views = {view_count, matrices, sizes, maps, reaches, colors, order, closeness, visible, unknown, outline, sample,
-                         stride,
+    const Views views = {view_count, colored, matrices, sizes, maps, surfaces, reaches, colors, order, closeness, visible, unknown,
+                         outline, sample, stride,
 #if RIBBONS
                          firsts, ribbons,
 #endif

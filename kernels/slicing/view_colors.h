@@ -56,7 +56,7 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
         const intl word = texels_at(views->colors + size[2], samples.taps.at[k]);
         floatl weight = samples.weights[k] * to_floatl((word >> 24) & 1);
         if (visible) {
-            const floatl off = ((floatl)(gather(MAP_OF(views, size), samples.taps.at[k])) - mine) * by,
+            const floatl off = ((floatl)(gather(SURFACE_OF(views, size), samples.taps.at[k])) - mine) * by,
                          squared = off * off;
             seen_color.part += weight / (1.0f + squared * (1.0f / (LEVEL_SAMPLES * LEVEL_SAMPLES)));
             weight = weight / (1.0f + squared * (1.0f / (TORN_SAMPLES * TORN_SAMPLES)));
@@ -80,9 +80,9 @@ INLINED floatl view_surface_before(const Views *views, int number, const ViewRay
     const Samples samples = samples_at(size, AT(view->u, z) * inverse, AT(view->v, z) * inverse);
     floatl least = INFINITY;
     for (int k = 0; k < 4; k++)
-        least = min_lanes(least, (floatl)(gather(MAP_OF(views, size), samples.taps.at[k])));
+        least = min_lanes(least, (floatl)(gather(SURFACE_OF(views, size), samples.taps.at[k])));
     const floatl per_sample = samples_per_nearness(views, view, mine);
-    const SurfaceSample surface = surface_at(MAP_OF(views, size), size, samples, views->outline,
+    const SurfaceSample surface = surface_at(SURFACE_OF(views, size), size, samples, views->outline,
                                              views->reaches[number], mine, -1, 0);
     *farthest = (least - mine) * per_sample;
     return select_lanes(surface.there, (surface.nearness - mine) * per_sample, (floatl)-BEYOND_OUTLINE);
@@ -114,7 +114,7 @@ INLINED floatl own_surface_before(const Views *views, int number, const ViewRay 
 INLINED Blend blend_views(const Views *views, const WorldRay *ray, floatl hit, intl active, int visible)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-    for (int i = 0; i < views->count; i++) { /* `order` begins with the closest view */
+    for (int i = 0; i < views->colored; i++) { /* `order` begins with the closest view */
         intl wanted = active & (blend.views < BLENDED_VIEWS - 0.5f);
         if (!any_lane(wanted))
             break;
@@ -146,7 +146,7 @@ OUTLINED Blend blend_at(const Views *views, const WorldRay *ray, RaySegment segm
                intl *tests)
 {
     Blend blend = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0.0f};
-    if (!SILHOUETTES && views->visible) {
+    if (views->visible) {
         blend = blend_views(views, ray, hit, found, 1);
         const intl doubted = found & (blend.views < VIEWS_MIN);
         if (any_lane(doubted)) {

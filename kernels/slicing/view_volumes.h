@@ -51,6 +51,7 @@ INLINED Samples samples_at(global const int *size, floatl x, floatl y)
 #else
 #define MAP_OF(views, size) ((views)->maps + 2 * (size)[2])
 #endif
+#define SURFACE_OF(views, size) ((views)->surfaces + 2 * (size)[2])
 
 /* A view's surface at a place: its nearness, and whether there is a surface */
 typedef struct {
@@ -122,10 +123,11 @@ INLINED ViewRay view_ray(global const float *matrix, const WorldRay *ray)
 }
 
 typedef struct {
-    int count;
+    int count, colored; /* number of views that test points, and of views that give colours */
     global const float *matrices;
     global const int *sizes;
     global const float *maps;
+    global const float *surfaces;
     global const float *reaches;
     global const uint *colors;
     global const int *order;

@@ -69,8 +69,9 @@ class DepthExtent:
         some = np.flatnonzero(view.valid)
         few = len(some) // 100
         depth = view.depth[view.valid]
-        self.nearest = float(np.partition(depth, few)[few])  # the nearest hundredth of the samples may be wrong
-        self.least, self.farthest = float(depth.min()), float(depth.max())
+        # The nearest hundredth of the samples may be wrong. A hull may lie between the samples of a view.
+        self.nearest = float(np.partition(depth, few)[few]) if len(depth) else math.inf
+        self.least, self.farthest = float(depth.min(initial=math.inf)), float(depth.max(initial=0.0))
         some = some[:: max(len(some) // 500, 1)]
         y, x = np.divmod(some, view.camera.width)
         # (N, 3) some 500 to 1000 of the samples, in the world

@@ -23,6 +23,7 @@ from pyibr.picture.normals import showing_normals
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.slicing.boxes import Box
+from pyibr.slicing.cells import maps_of, reaches_of
 from pyibr.slicing.ribbons import ribbons_of
 from pyibr.slicing.solid import Solid, words_of
 from pyibr.slicing.spacing import halvings_between, nearest_pixel, spacing_min
@@ -58,9 +59,10 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
     directions = np.array([_direction(view.camera, box) for view in thing.views])
     cosines = (directions * _direction(camera, box)).sum(axis=1)  # the bits do not depend on the other views
     order = np.lexsort((ranks_of(thing.views), -cosines))
-    # Among views that share an outline, only the closest to the target's direction is tested and gives colours.
+    # Among views that share an outline, only the closest to the target's direction is tested. The others, which look
+    # from behind, are the last to give colours.
     _, closest = np.unique(np.array(thing.outlines)[order], return_index=True)
-    order = order[np.sort(closest)]
+    order = np.concatenate([order[np.sort(closest)], np.delete(order, closest)])
     spacing, halvings = spacing_in(thing, camera)
     sample = max(pixel_size(view.camera, box.center) for view in thing.views)  # the largest, at the box's centre
     record = np.zeros((), struct("slicing/object.cl", "Box"))
@@ -85,17 +87,18 @@ def draw_object(target: Target, thing: Solid, counters: DeviceArray | None = Non
         launch(
             kernel("slicing/object.cl", "draw_object", **defines),
             (across, down),
-            **buffers,
+            **{"surfaces": buffers["maps"], **buffers, **surfaces_on_device(thing)},
             order=upload(order.astype(np.int32)),
             closeness=upload(np.maximum(cosines, 1e-3).astype(np.float32)),
-            view_count=len(order),
+            view_count=len(closest),
+            colored=len(order),
             screen=Struct("Screen", target.screen(near, box.center)),
             box=Struct("Box", record),
             slices_axis=slices_axis(thing, camera),
             halvings=halvings,
             visible=thing.texture == "visible",
             unknown=thing.missing == "unknown",
-            outline=outline_of(len(order)),
+            outline=outline_of(len(closest)),
             sample=sample,
             stride=(_BEHIND * sample + spacing / 2**halvings) / 2 ** (constant("slicing/object.cl", "STRIDES") - 1),
             low_x=low_x,
@@ -173,6 +176,21 @@ def buffers_of(thing: Solid) -> dict[str, DeviceArray]:
     return cached_on_device(thing, "buffers", lambda: _object_buffers(thing))
 
 
+def surfaces_on_device(thing: Solid) -> dict[str, DeviceArray]:
+    """Return the buffers of a hull's surface as its views see it, under the kernels' names; none if nothing needs it.
+
+    Depth objects need none, because their views' surfaces also test points.
+    """
+    if not thing.silhouettes or thing.texture == "naive":
+        return {}
+
+    def made() -> dict[str, DeviceArray]:
+        surfaces = thing.surfaces
+        return {"surfaces": maps_of(surfaces, thing.box, True), "reaches": reaches_of(surfaces)}
+
+    return cached_on_device(thing, "surfaces", made)
+
+
 def ribbons_on_device(thing: Solid) -> dict[str, DeviceArray]:
     """Return the buffers of the object's ribbons on the current device, under the kernels' names."""
     return cached_on_device(thing, "ribbons", lambda: _ribbons_of(thing))
@@ -191,7 +209,7 @@ def _object_buffers(thing: Solid) -> dict[str, DeviceArray]:
         "matrices": upload(matrices.reshape(-1, 16).astype(np.float32)),
         "sizes": upload(np.array(sizes, np.int32)),
         "maps": thing.maps(),
-        "reaches": upload(np.array([thing.reach_of(view) for view in thing.views], np.float32)),
+        "reaches": upload(np.zeros(1, np.float32)) if thing.silhouettes else reaches_of(thing.views),
         "colors": joined(thing.rgba),
     }
 

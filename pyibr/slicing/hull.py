@@ -10,16 +10,20 @@ from numpy.typing import NDArray
 
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette, is_opposite
+from pyibr.opencl.device import one_call
 from pyibr.opencl.memory import DeviceArray
+from pyibr.picture.target import Target
 from pyibr.picture.undistort import undistorted, undistorted_silhouette
 from pyibr.slicing.boxes import box_of_silhouettes
-from pyibr.slicing.drawing import joined
+from pyibr.slicing.drawing import draw_object, joined
 from pyibr.slicing.meshing import MeshableSolid
-from pyibr.slicing.solid import SolidSlicing, View, checked_views, words_of
+from pyibr.slicing.solid import SolidSlicing, Texture, View, checked_views, words_of
 from pyibr.slicing.spacing import Slices
 
 Float32 = NDArray[np.float32]
 
+# For its colours a hull is drawn with few slices, whatever the slices of pictures, but as precisely as with 4,096.
+_SLICES, _HALVINGS = 64, 6
 _KINDS = {Silhouette: undistorted_silhouette, DepthImage: undistorted}
 
 
@@ -36,6 +40,9 @@ class VisualHull(MeshableSolid):
         `DepthObject`.
     slicing : {"orthogonal", "screen"}
         As for `DepthObject`, but the box has the world's axes.
+    texture : {"visible", "naive"}
+        As for `DepthObject`. Outlines do not show which image saw a point. So for "visible" the hull is drawn once from
+        each view, before the first picture, and a point that the hull hides from a view gets no colour from it.
     halvings, only : int
         As for `DepthObject`.
 
@@ -54,7 +61,7 @@ class VisualHull(MeshableSolid):
     [0, 2, 4]
     """
 
-    silhouettes = True  # no depth is used: points get colours from the closest images, as with texture="naive"
+    silhouettes = True
 
     def __init__(
         self,
@@ -62,10 +69,11 @@ class VisualHull(MeshableSolid):
         *,
         slices: Slices = 128,
         slicing: SolidSlicing = "orthogonal",
+        texture: Texture = "visible",
         halvings: int = 2,
         only: int | None = None,
     ) -> None:
-        super().__init__(checked_views(views, _KINDS), slices, slicing, halvings, only)
+        super().__init__(checked_views(views, _KINDS), slices, slicing, halvings, only, texture)
         self.box = box_of_silhouettes([self.views[number] for number in self.tested])
 
     @cached_property
@@ -86,6 +94,29 @@ class VisualHull(MeshableSolid):
     def masks(self) -> list[Float32]:
         """Masks of the views."""
         return [mask_of(view) for view in self.views]
+
+    @cached_property
+    def depths(self) -> list[Float32]:
+        """Depth of the hull's surface in each view, (H, W), NaN beside it."""
+        # The same data on the device, but other slices.
+        drawn = object.__new__(VisualHull)
+        drawn.__dict__.update(self.__dict__, device_cache=self.device_cache, texture="naive", only=None)
+        drawn.__dict__.update(slices=_SLICES, halvings=_HALVINGS)
+        with one_call() as session:
+            targets = [Target(view.camera, np.dtype(np.uint8)) for view in self.views]
+            for target in targets:
+                draw_object(target, drawn)
+            frames = [target.begin_frame() for target in targets]
+            session.wait()
+        return [finished().depth for finished in frames]
+
+    @property
+    def surfaces(self) -> list[DepthImage]:
+        """The hull's surface as each view sees it, in the view's colours."""
+        return [
+            DepthImage(view.shown_color, depth, view.camera)
+            for view, depth in zip(self.views, self.depths, strict=True)
+        ]
 
     def maps(self) -> DeviceArray:
         """Upload the masks to the device."""
@@ -110,7 +141,14 @@ class VisualHull(MeshableSolid):
             made = object.__new__(VisualHull)
             made.__dict__.update(self.__getstate__(), views=given)
         else:
-            made = VisualHull(given, slices=self.slices, slicing=self.slicing, halvings=self.halvings, only=self.only)
+            made = VisualHull(
+                given,
+                slices=self.slices,
+                slicing=self.slicing,
+                texture=self.texture,
+                halvings=self.halvings,
+                only=self.only,
+            )
         made.__dict__["rgba"] = self.with_known(self.rgba, given, words_of)
         made.__dict__["masks"] = self.with_known(self.masks, given, mask_of)
         return made

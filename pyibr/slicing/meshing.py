@@ -61,9 +61,8 @@ class MeshableSolid(Solid):
         Returns
         -------
         Mesh
-            Every edge has two triangles, which face outwards. The colours of a depth object's vertex come from the
-            views that saw it, weighted by how squarely they did. Outlines do not show which views saw a hull's vertex,
-            so its colour comes from the views that face it.
+            Every edge has two triangles, which face outwards. The colour of a vertex comes from the views that saw it,
+            weighted by how squarely they did.
 
         Raises
         ------
@@ -189,7 +188,7 @@ def _outwards(triangles: Int64, corners: Int64, held: int, shape: tuple[int, ...
 def colors_of(thing: Solid, points: Float64, normals: Float64) -> NDArray[np.uint8]:
     """Return (N, 3) colours of points on a solid's surface, from views that see them, weighted by how squarely."""
     total, weights = np.zeros((len(points), 3)), np.full(len(points), 1e-30)
-    for view in thing.views:
+    for view in thing.surfaces:
         camera = view.camera
         pixels, z = camera.project(points)
         width, height = camera.size
@@ -206,14 +205,12 @@ def colors_of(thing: Solid, points: Float64, normals: Float64) -> NDArray[np.uin
             u, v = np.minimum(left + across, width - 1), np.minimum(top + down, height - 1)
             part = (x - left if across else 1 - x + left) * (y - top if down else 1 - y + top) + 1e-9
             part *= view.valid[v, u] & (z > 0)
-            if not thing.silhouettes:
-                behind = (z - np.where(view.valid[v, u], view.depth[v, u], 0)) / sample
-                part /= 1 + (behind / _HIDDEN) ** 2
-                hidden &= behind > _HIDDEN
+            behind = (z - np.where(view.valid[v, u], view.depth[v, u], 0)) / sample
+            part /= 1 + (behind / _HIDDEN) ** 2
+            hidden &= behind > _HIDDEN
             part_sum += part
             color += part[:, None] * (scale * shown[v, u].astype(np.float64))
-        share = squarely if thing.silhouettes else squarely * np.where(hidden | (cosine < -_FACING), _UNSEEN, 1)
-        share = share / np.maximum(part_sum, 1e-30)
+        share = squarely * np.where(hidden | (cosine < -_FACING), _UNSEEN, 1) / np.maximum(part_sum, 1e-30)
         total += share[:, None] * color
         weights += share * part_sum
     return np.rint(np.clip(total / weights[:, None], 0, 255)).astype(np.uint8)

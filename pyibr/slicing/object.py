@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from pyibr.core.checks import checked_bool, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.core.pixelspace import longer_side, pixel_size
 from pyibr.images import DepthImage
-from pyibr.opencl.device import current
-from pyibr.opencl.headers import constant, struct
-from pyibr.opencl.launch import Struct, launch
-from pyibr.opencl.memory import DeviceArray, empty, upload
-from pyibr.opencl.program import kernel
+from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.undistort import undistorted
-from pyibr.slicing.boxes import Box, box_of_samples, depth_extent_of
+from pyibr.slicing.boxes import box_of_samples, depth_extent_of
+from pyibr.slicing.cells import maps_of
 from pyibr.slicing.meshing import MeshableSolid
 from pyibr.slicing.solid import Missing, SolidSlicing, Texture, checked_views, words_of
 from pyibr.slicing.spacing import SLICES_USUAL, Slices
 
-_CELLS = "slicing/cells.cl"
 _EXTENT_RATIO_MAX = 8.0  # largest spacing of slices, relative to a view's nearest depth or orthographic width
 
 
@@ -94,10 +88,8 @@ class DepthObject(MeshableSolid):
         only: int | None = None,
         thin: bool = False,
     ) -> None:
-        super().__init__(checked_views(views, {DepthImage: undistorted}), slices, slicing, halvings, only)
-        one_of("texture", texture, Texture)
+        super().__init__(checked_views(views, {DepthImage: undistorted}), slices, slicing, halvings, only, texture)
         one_of("missing", missing, Missing)
-        self.texture: Texture = texture
         self.missing: Missing = missing
         self.thin = checked_bool("thin", thin)
         box = box_of_samples(self.views, missing == "empty")
@@ -148,48 +140,14 @@ class DepthObject(MeshableSolid):
         made.__dict__["rgba"] = self.with_known(self.rgba, made.views, words_of)
         return made
 
+    @property
+    def surfaces(self) -> list[DepthImage]:
+        """The views."""
+        return self.views
+
     def maps(self) -> DeviceArray:
         """Return nearness of the views' samples, and cells: `maps_of`."""
         return maps_of(self.views, self.box, self.missing == "empty")
-
-    def reach_of(self, view: DepthImage) -> float:
-        """Return the greatest difference in nearness between a view's surface and the nearest samples around it."""
-        nearest = 1 / depth_extent_of(view).least if view.camera.projection == "perspective" else 1.0
-        return 1.001 * constant(_CELLS, "RISE_MAX") * _per_sample(view) * nearest
-
-
-def maps_of(views: Sequence[DepthImage], box: Box, missing_is_empty: bool) -> DeviceArray:
-    """Return nearness of the views' samples and their cells, one view after the other (kernels/slicing/records.h).
-
-    Empty samples count as far as the far end of the box, unknown samples as near as its near end.
-    """
-    maps = empty((2 * sum(view.depth.size for view in views),), np.float32)
-    start, strip = 0, current().profile.strip
-    for view in views:
-        width, height = view.camera.size
-        z = view.camera.camera_from_world[2, :3] @ box.corners.T + view.camera.camera_from_world[2, 3]
-        perspective = view.camera.projection == "perspective"
-        far = max(float(z.max()), depth_extent_of(view).farthest)
-        near = max(float(z.min()), 1e-3 * far) if perspective else float(z.min())
-        image = np.zeros((), struct(_CELLS, "CellImage"))
-        image["width"], image["height"], image["perspective"] = width, height, perspective
-        image["far"], image["missing_is_empty"], image["per_sample"] = view.far, missing_is_empty, _per_sample(view)
-        image["empty"], image["unknown"] = (1 / far, 1 / near) if perspective else (-far, -near)
-        launch(
-            kernel(_CELLS, "find_cells"),
-            current().profile.packets(width, height, strip),
-            depth=upload(view.depth),
-            maps=maps,
-            start=start,
-            image=Struct("CellImage", image),
-        )
-        start += 2 * width * height
-    return maps
-
-
-def _per_sample(view: DepthImage) -> float:
-    """Return the change of nearness if depth changes by a sample's width; in perspective views at nearness 1."""
-    return 1 / float(min(view.camera.K[0, 0], view.camera.K[1, 1]))
 
 
 def _check_resolved(thing: DepthObject) -> None:

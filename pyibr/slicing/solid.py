@@ -33,13 +33,18 @@ class Solid(Immutable):
 
     views: list[Any]  # DepthImage or Silhouette objects, without lenses
     box: Box
-    texture: Texture = "naive"
     missing: Missing = "empty"
     thin: bool = False
     silhouettes: bool = False  # views test points with masks, not with nearness
 
     def __init__(
-        self, views: list[Any], slices: Slices, slicing: SolidSlicing, halvings: int, only: int | None
+        self,
+        views: list[Any],
+        slices: Slices,
+        slicing: SolidSlicing,
+        halvings: int,
+        only: int | None,
+        texture: Texture,
     ) -> None:
         self.views = views
         self.halvings = checked_halvings(halvings)
@@ -47,6 +52,8 @@ class Solid(Immutable):
         self.only = checked_only(only, self.slices)
         one_of("slicing", slicing, SolidSlicing)
         self.slicing: SolidSlicing = slicing
+        one_of("texture", texture, Texture)
+        self.texture: Texture = texture
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {len(self.views)} views, {slices_text(self.slices)}>"
@@ -68,9 +75,10 @@ class Solid(Immutable):
         """
         raise NotImplementedError
 
-    def reach_of(self, view: Any) -> float:
-        """Return the greatest difference in nearness between a view's surface and its samples."""
-        return 0.0
+    @property
+    def surfaces(self) -> list[DepthImage]:
+        """The solid's surface as each view sees it, in the view's colours: which points a view saw."""
+        raise NotImplementedError
 
     @cached_property
     def rgba(self) -> list[NDArray[np.uint32]]:

@@ -10,7 +10,7 @@ from pyibr.capture import object_views
 from pyibr.core.camera import Camera
 from pyibr.opencl.device import one_call
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes
-from pyibr.slicing.object import maps_of
+from pyibr.slicing.cells import maps_of
 from tests.reference.slicing import visual_hull
 from tests.slicing.solids import cup, looking, torus, views_of_torus
 

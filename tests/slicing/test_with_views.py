@@ -121,6 +121,16 @@ def test_a_hull_asks_the_new_outline_alone_for_what_it_says(monkeypatch):
     assert 1000 < sum(asked) < len(views) * 64**3 / 10
 
 
+def test_a_hull_in_other_colours_is_not_drawn_again(monkeypatch):
+    views = [ibr.Silhouette(view.color, view.valid, view.camera) for view in views_of_torus("orthographic")]
+    thing = ibr.VisualHull(views, slices=48)
+    first = ibr.render(thing, CAMERA)
+    monkeypatch.setattr(hulls, "draw_object", None)
+    frame = ibr.render(thing.with_views([ibr.Silhouette(255 - v.color, v.valid, v.camera) for v in views]), CAMERA)
+    # Colours are rounded once in each picture.
+    assert np.abs(255 - first.color[first.valid].astype(int) - frame.color[first.valid]).max() <= 1
+
+
 def test_other_views_are_checked_as_the_first_ones():
     views = views_of_torus("orthographic")
     nothing = ibr.DepthImage(views[0].color, np.full_like(views[0].depth, np.nan), views[0].camera)
