@@ -84,8 +84,8 @@ INLINED CellSide side_beside(CellImage image, const CellSample *line)
     /* The lines through the two samples on either side meet this far above the side, in nearness. */
     const floatl left = bend[2], right = bend[3];
     const floatl height = left / max_lanes(left + right, (floatl)1e-30f) * right;
-    /* A round surface bends as much at each sample of this line. It rises above its chord by an eighth of this bend, and
-     * a crease by a half. Narrow facets bend more at some samples than at others, so the smallest bend counts. */
+    /* A round surface bends as much at all samples of this line. It rises above its chord by an eighth of this bend,
+     * and a crease by a half. Narrow facets bend more at some samples than at others, so the smallest bend counts. */
     const floatl around = min_lanes(min_lanes(left, right), min_lanes(select_lanes(joined[1], bend[1], (floatl)FALL),
                                                                       select_lanes(joined[3], bend[4], (floatl)FALL)));
     const intl known = joined[2] & (joined[1] | joined[3]);

@@ -51,8 +51,8 @@ kernel void draw_object(PICTURE_PARAMETERS, Screen screen, global const float *m
     Region region;
     begin_in_picture(&region, &picture, x, y);
 
-    const Views views = {view_count, colored, matrices, sizes, maps, surfaces, reaches, colors, order, closeness, visible, unknown,
-                         outline, sample, stride,
+    const Views views = {view_count, colored, matrices, sizes, maps, surfaces, reaches, colors, order, closeness,
+                         visible, unknown, outline, sample, stride,
 #if RIBBONS
                          firsts, ribbons,
 #endif

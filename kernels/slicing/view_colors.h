@@ -72,19 +72,21 @@ INLINED ViewColor view_color(const Views *views, int number, const ViewRay *view
 }
 
 /* How far a view's surface lies in front of the rays' points at depth z, in sample distances; farthest: how far the
- * farthest of the four samples around lies in front */
+ * farthest of the four samples around lies in front, INFINITY if the view has no surface there */
 INLINED floatl view_surface_before(const Views *views, int number, const ViewRay *view, floatl z, floatl *farthest)
 {
     global const int *size = views->sizes + 3 * number;
     const floatl inverse = 1.0f / AT(view->w, z), mine = AT(view->q, z) * inverse;
     const Samples samples = samples_at(size, AT(view->u, z) * inverse, AT(view->v, z) * inverse);
-    floatl least = INFINITY;
-    for (int k = 0; k < 4; k++)
+    const floatl first = (floatl)(gather(SURFACE_OF(views, size), samples.taps.at[0]));
+    floatl least = first;
+    for (int k = 1; k < 4; k++)
         least = min_lanes(least, (floatl)(gather(SURFACE_OF(views, size), samples.taps.at[k])));
     const floatl per_sample = samples_per_nearness(views, view, mine);
     const SurfaceSample surface = surface_at(SURFACE_OF(views, size), size, samples, views->outline,
                                              views->reaches[number], mine, -1, 0);
-    *farthest = (least - mine) * per_sample;
+    const intl nothing = (as_intl(first) & OUTLINE_CELL) == EMPTY_CELL;
+    *farthest = select_lanes(nothing, (floatl)INFINITY, (least - mine) * per_sample);
     return select_lanes(surface.there, (surface.nearness - mine) * per_sample, (floatl)-BEYOND_OUTLINE);
 }
 

@@ -41,7 +41,7 @@ def test_a_mesh_is_closed_and_shows_what_the_solid_does(make, scene):
         assert both.sum() >= 0.985 * (solid.valid | drawn.valid).sum()  # the mesh's cells are 1.5 pixels wide
         cell = float(thing.box.edges.max()) / 90
         assert np.quantile(np.abs(solid.depth - drawn.depth)[both], 0.9) <= 0.5 * cell
-        # A hull's views saw different colours where it is not the object's surface; meshes and pictures weigh them apart.
+        # Where a hull is not the object's surface, its views saw different colours; a mesh weighs them differently.
         assert np.abs(solid.color.astype(int) - drawn.color)[both].mean() <= (4 if make is ibr.DepthObject else 6)
 
 
