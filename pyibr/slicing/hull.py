@@ -41,8 +41,8 @@ class VisualHull(MeshableSolid):
     slicing : {"orthogonal", "screen"}
         As for `DepthObject`, but the box has the world's axes.
     texture : {"visible", "naive"}
-        As for `DepthObject`. Outlines do not show which image saw a point. So for "visible" the hull is drawn once from
-        each view, before the first picture, and a point that the hull hides from a view gets no colour from it.
+        As for `DepthObject`. Outlines do not show which image saw a point. So for "visible" the hull is first drawn once
+        from each view, and a view gives no colour to points that the hull hides from it.
     halvings, only : int
         As for `DepthObject`.
 
