@@ -41,7 +41,7 @@ class VisualHull(MeshableSolid):
     slicing : {"orthogonal", "screen"}
         As for `DepthObject`, but the box has the world's axes.
     texture : {"visible", "naive"}
-        As for `DepthObject`. Outlines do not show which image saw a point. So for "visible" the hull is first drawn once
+        As for `DepthObject`. Outlines do not show which image saw a point. So for "visible" the hull is first drawn
         from each view, and a view gives no colour to points that the hull hides from it.
     halvings, only : int
         As for `DepthObject`.
