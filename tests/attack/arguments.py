@@ -318,10 +318,10 @@ def random_solid(chance: Chance, scale: float, floats: bool) -> Any:
     }
     if chance(0.2):
         more["only"] = chance.mostly(chance.one([0, 3, -2, 65536]))
+    more["texture"] = chance.one(["visible", "naive"])
     if chance(0.5):
-        texture, missing = chance.one(["visible", "naive"]), chance.one(["empty", "unknown"])
         more["thin"] = chance.mostly(chance.one([False, True]))
-        made = ibr.DepthObject(chance.mostly(views), texture=texture, missing=missing, **more)
+        made = ibr.DepthObject(chance.mostly(views), missing=chance.one(["empty", "unknown"]), **more)
         others = [*views[:-1], *views_around(chance, scale, floats, 1)]
         return made.with_views(chance.mostly(others)) if chance(0.2) else made
     given: list[Any] = [ibr.Silhouette(v.color, v.depth < 3 * scale, v.camera) if chance(0.5) else v for v in views]
