@@ -23,7 +23,8 @@ run = partial(commands.run, "capture")
 
 @pytest.fixture
 def mesh(tmp_path: Path) -> Path:
-    models.donut(16).save(tmp_path / "donut.ply")
+    ring = models.donut(16)
+    ibr.Mesh(ring.vertices, ring.faces, normals=ring.normals).save(tmp_path / "donut.ply")
     return tmp_path / "donut.ply"
 
 

@@ -148,6 +148,7 @@ def test_examples_of_help_run(command: str, scene: Scene, monkeypatch: pytest.Mo
     ibr.write_video("color.mp4", [scene.color] * 2, 25)
     for number in range(2):
         ibr.write_depth(f"depth/{number}.png", scene.depth[:36, :60], depth_scale=1000)
-    models.donut(8).save("dragon.ply")
+    ring = models.donut(8)
+    ibr.Mesh(ring.vertices, ring.faces).save("dragon.ply")
     for use in cli._EXAMPLES[command]:
         succeeded(run(command, *shlex.split(use)))

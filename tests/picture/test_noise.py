@@ -97,21 +97,20 @@ def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -
 
 @pytest.mark.parametrize("large", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_the_kernel_finds_what_the_twin_finds(large: bool):
-    """Results agree, except where two fits are equally good, so that rounding decides between them."""
-    wrong, count, rng = list[tuple[Any, ...]](), 0, np.random.default_rng(0)
+    """Results agree, except for images with two equally good fits, between which rounding decides."""
+    wrong, count, rng = dict[str, Any](), 0, np.random.default_rng(0)
     for name, depth in itertools.chain(made(rng, SIZES[3:]), frames()) if large else made(rng, SIZES[:3]):
         depth = np.ascontiguousarray(depth, np.float32)
         expected, found = noise_of(depth), [found_noise(depth)]
         if large:
             with one_lane():
                 found.append(found_noise(depth))
+        count += 1
         for one in found:
-            off = [difference(depth, *pair) for pair in zip(one, expected, strict=True)]
-            count += 1
-            if max(off) > CLOSE:
-                wrong.append((name, off, one, expected))
-    assert count > 100
-    assert len(wrong) <= 0.01 * count, wrong
+            if max(difference(depth, *pair) for pair in zip(one, expected, strict=True)) > CLOSE:
+                wrong[name] = one, expected
+    assert count > 90
+    assert len(wrong) <= 0.02 * count, wrong
 
 
 @pytest.mark.thorough
