@@ -23,6 +23,10 @@
 #define POWERS_OF_TWO 0 /* 1: the map repeats along both axes, sides are powers of two: bit masks wrap indices */
 #endif
 
+/* Rays that walk from cell to cell of a map; in texels: */
+#define NUDGE 1e-3f         /* by how much a place is moved ahead, into the cell that the ray enters */
+#define AXIS_PARALLEL 1e-4f /* a ray that moves less along an axis counts as not moving along it */
+
 /* One level of a map; lanes may be on different levels. */
 typedef struct {
     intl width, height, start; /* in texels; start: the level's place in the buffer */
@@ -105,6 +109,29 @@ INLINED floatl height_of(Patch p, floatl fx, floatl fy)
 {
     const floatl top = p.aa + fx * (p.ab - p.aa), bottom = p.ba + fx * (p.bb - p.ba);
     return top + fy * (bottom - top);
+}
+
+/* A quantity that is quadratic along a line: fixed + sloped s + curved s^2 */
+typedef struct {
+    floatl fixed, sloped, curved;
+} Quadratic;
+
+/* The bilinear heights along a line in a cell, 0 to 1; at s = 0 the line is at (fx, fy), and it moves by (dx, dy) s. */
+INLINED Quadratic heights_along(Patch p, floatl fx, floatl fy, floatl dx, floatl dy)
+{
+    const floatl slope_x = (p.ab - p.aa) * HEIGHT_UNIT, slope_y = (p.ba - p.aa) * HEIGHT_UNIT;
+    const floatl twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
+    const Quadratic along = {p.aa * HEIGHT_UNIT + slope_x * fx + slope_y * fy + twist * fx * fy,
+                             slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx), twist * dx * dy};
+    return along;
+}
+
+/* The least s >= 0 with q >= 0; if there is none, the result is negative, infinite or no number. */
+INLINED floatl first_not_negative(Quadratic q)
+{
+    const floatl discriminant = q.sloped * q.sloped - 4.0f * q.curved * q.fixed;
+    const floatl s = 2.0f * q.fixed / (-q.sloped - sqrt(max_lanes(discriminant, (floatl)0.0f)));
+    return select_lanes(q.fixed >= 0.0f, (floatl)0.0f, select_lanes(discriminant >= 0.0f, s, (floatl)INFINITY));
 }
 
 /* The bilinear height at (x, y), which may lie outside of the map, in HEIGHT_UNITs */

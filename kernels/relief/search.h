@@ -21,9 +21,7 @@
 #define INTERLEAVED 1
 #endif
 #define FIRST_TIER 2     /* tier where a safe search starts */
-#define NUDGE 1e-3f      /* texels by which a place is moved ahead, into the cell that the ray enters */
 #define FAR_SIDE 1e9f    /* texels: stands for the missing side of a cell that extends beyond a clamped map */
-#define AXIS_PARALLEL 1e-4f      /* texels: a ray that moves less along an axis counts as not moving along it */
 
 /* A ray on its level of the map: (x, y) + (dx, dy) t */
 typedef struct {
@@ -162,18 +160,14 @@ intl solve_cell(Search *s, Patch p, floatl fx, floatl fy, floatl leaves, intl tr
 {
     const ReliefRay *ray = &s->ray;
     const floatl t = s->t;
-    const floatl dx = s->track.dx, dy = s->track.dy;
-    const floatl corner = p.aa * HEIGHT_UNIT, slope_x = (p.ab - p.aa) * HEIGHT_UNIT;
-    const floatl slope_y = (p.ba - p.aa) * HEIGHT_UNIT, twist = (p.aa - p.ab - p.ba + p.bb) * HEIGHT_UNIT;
-    /* At t + ahead, the ray's depth minus the surface's is F0 + F1 ahead + F2 ahead^2; F0 < 0 above the surface. */
-    const floatl F0 = depth_of(ray, t) - 1.0f + corner + slope_x * fx + slope_y * fy + twist * fx * fy;
-    const floatl F1 = ray->L + 2.0f * ray->K * t + slope_x * dx + slope_y * dy + twist * (fx * dy + fy * dx);
-    const floatl F2 = ray->K + twist * dx * dy;
-    const floatl discriminant = F1 * F1 - 4.0f * F2 * F0;
-    const floatl ahead = 2.0f * F0 / (-F1 - sqrt(max_lanes(discriminant, (floatl)0.0f)));
-    const intl crosses = (discriminant >= 0.0f) & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
-    const intl met = tries & ((F0 >= 0.0f) | crosses);
-    s->t = select_lanes(met, min_lanes(t + select_lanes(F0 >= 0.0f, (floatl)0.0f, ahead), ray->end), t);
+    /* The ray's depth minus the surface's: negative above the surface */
+    Quadratic below = heights_along(p, fx, fy, s->track.dx, s->track.dy);
+    below.fixed += depth_of(ray, t) - 1.0f;
+    below.sloped += ray->L + 2.0f * ray->K * t;
+    below.curved += ray->K;
+    const floatl ahead = first_not_negative(below);
+    const intl met = tries & (ahead >= 0.0f) & (ahead <= (leaves - t) + s->nudge);
+    s->t = select_lanes(met, min_lanes(t + ahead, ray->end), t);
     return met;
 }
 

@@ -75,4 +75,9 @@ INLINED floatl height_at_depth(const Bend *bend, const PrismRays *rays, floatl z
     }
     return h;
 }
+
+INLINED Place place_at_depth(const Bend *bend, const PrismRays *rays, floatl z)
+{
+    return place_at(bend, rays, z, height_at_depth(bend, rays, z));
+}
 #endif

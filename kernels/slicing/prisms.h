@@ -19,6 +19,7 @@
 #define INSIDE 2   /* alpha > h: where alpha is 0 there is nothing (Kautz & Seidel) */
 
 #define STEADY_PARTS 12.0f /* most slices per pixel width along a ray, where few slices would miss thin parts */
+#define CELLS_PER_SLICE 1.4f /* a slice takes as long as these cells */
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2
@@ -89,6 +90,8 @@ typedef struct {
     float slice_rounding;  /* rounding error of slice numbers; at least SLICE_ROUNDING */
     int halvings; /* bisections of the interval between two slices */
     int ends;     /* 1: a ray that leaves the prism may leave the surface */
+    int by_cells; /* 1: rays are intersected with the map's cells, without slices */
+    Tilt lengths; /* of the frame's axes, in scene units, with by_cells */
 } Prism;
 
 typedef struct {
@@ -155,29 +158,39 @@ Quantity from_corners(const Quantity *rows, float4 values)
 }
 
 /* Sets the spacing of a prism's slices. Along a ray, slices are one pixel width apart, measured at the prism's nearest
- * corner; facing: the cosine of the angle between ray and slices' normal. If fewer than SLICES_STEADY slices fit into
- * the displacement, slices are closer, so that thin parts do not flicker: at most STEADY_PARTS per pixel width. Slices
- * are never closer than half a texel, as heights have no finer detail. Wider spacings get more bisections, so that hits
- * stay within 1 / PIXEL_PARTS of a pixel of the surface. */
-void space_slices(const Context *context, Prism *t, float facing)
+ * corner. If fewer than SLICES_STEADY slices fit into the displacement, slices are closer, so that thin parts do not
+ * flicker: at most STEADY_PARTS per pixel width. Wider spacings get more bisections, so that hits stay within
+ * 1 / PIXEL_PARTS of a pixel of the surface. Rays are intersected with the map's cells instead if texels are larger than
+ * pixels, or if that takes no longer; not with the test BAND, whose slices are at least half a texel apart. view: the
+ * direction of a ray, of length 1; facing: the cosine of the angle between it and the slices' normal; base: corners of
+ * the prism's triangle */
+void space_slices(const Context *context, Prism *t, const float3 *base, float3 view, float facing)
 {
     t->spacing = context->spacing;
     t->halvings = context->halvings;
+    t->by_cells = 0;
     t->band = context->band > 0.0f ? context->band : 1.0f / context->slices;
     if (context->pixel == 0.0f)
         return;
     const float pixel = context->pixel * (t->perspective ? 1.0f / t->front : 1.0f);
     const float scale = context->spacing * context->slices;
     global const float *g = context->gradients + t->index * 6;
-    const float texels = fmax(fast_length(vload3(0, g)) * context->map_width,
-                              fast_length(vload3(1, g)) * context->map_height);
-    const float least = fmax(fmin(0.5f / fmax(texels, 1e-30f), scale), scale / SLICES_MAX);
+    const float3 along_u = vload3(0, g) * (float)context->map_width, along_v = vload3(1, g) * (float)context->map_height;
+    const float texels = fmax(fmax(fast_length(along_u), fast_length(along_v)), 1e-30f); /* per scene unit */
     const float pixel_spacing = pixel * facing;
-    t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / STEADY_PARTS, scale / SLICES_STEADY)), least);
+    t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / STEADY_PARTS, scale / SLICES_STEADY)),
+                      scale / SLICES_MAX);
+    const float cells = fabs(dot(along_u, view)) + fabs(dot(along_v, view));
+    t->by_cells = context->test != BAND && (pixel * texels < 1.0f || cells * t->spacing < CELLS_PER_SLICE * facing);
+    if (context->test == BAND)
+        t->spacing = fmax(t->spacing, fmin(0.5f / texels, scale));
     if (context->band == 0.0f)
         t->band = t->spacing / scale;
     const float parts = t->spacing * fmax(PIXEL_PARTS / pixel, TEXTURE_PARTS / scale);
     t->halvings = max(context->halvings, min((int)ceil(log2(fmax(parts, 1.0f))), HALVINGS_MAX));
+    if (t->by_cells) /* points in cells are exact */
+        t->halvings = t->ends = 0;
+    t->lengths = (Tilt){length(base[1] - base[0]), length(base[2] - base[0]), scale};
 }
 
 /* The rounding error of a coordinate in the prism's frame. The coordinate of a ray's point is a difference of two
@@ -284,7 +297,7 @@ void set_slices(const Context *context, Prism *t, const Quantity *rows, float3 v
                 d = other;
             }
         }
-    space_slices(context, t, context->slicing == SCREEN ? 1.0f : facing / length(view));
+    space_slices(context, t, base, normalize(view), context->slicing == SCREEN ? 1.0f : facing / length(view));
     t->by_height = context->slicing != SCREEN && direction == 0;
     t->count = context->pixel == 0.0f ? context->slices : context->slices * (context->spacing / t->spacing);
     t->slice_rounding = SLICE_ROUNDING;

@@ -6,6 +6,8 @@
  * planes at equal distances. A pixel's ray walks the slices that it meets from front to back, and stops where the alpha
  * test passes.
  *
+ * With by_view, most rays are intersected with the map's cells instead (map_cells.h).
+ *
  * UNCLIPPED: slices parallel to the screen are tested in the whole box of each prism, not only inside the prism.
  *
  * Deviations from the paper: each pixel's ray is intersected with the slices, which are not drawn as polygons. Where a
@@ -30,7 +32,7 @@
 #include "lib/footprint.h"
 #include "lib/light.h"
 #include "raster/fragment.h"
-#include "slicing/prism_rays.h"
+#include "slicing/map_cells.h"
 #include "slicing/slice_normals.h"
 
 #ifndef UNCLIPPED
@@ -48,12 +50,6 @@ INLINED intl is_in_prism(const Prism *t, Place place)
 }
 
 #define RUN (UNCLIPPED ? 2 : 16) /* slices in a run (walk_slices); in runs of two, all depths are exact */
-
-typedef struct {
-    intl found;
-    floatl z;
-    Place place;
-} SliceHit;
 
 /* Makes the alpha test at depth z on the `tested` rays, and keeps hits. Only points in the prism can pass; on
  * `extended` rays, all points can. Returns which points can pass. */
@@ -85,7 +81,7 @@ void refine_slice_hit(const Context *context, const Prism *t, const Region *regi
 {
     for (int i = 0; i < halvings && any_lane(passed); i++) {
         const floatl middle = 0.5f * (before + hit->z);
-        const Place place = place_at(&t->bend, rays, middle, height_at_depth(&t->bend, rays, middle));
+        const Place place = place_at_depth(&t->bend, rays, middle);
         test_at(context, t, region, block, hit, middle, place, passed, middle > extended);
         before = select_lanes(hit->z == middle, before, middle);
     }
@@ -242,26 +238,28 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     SliceHit hit = {0, 0.0f, {0.0f, 0.0f, 0.0f}};
     intl at_base = 0;
     floatl base = p.exit;
-    if (context->slicing != SURFACE) { /* with SURFACE, slice 0 is the base */
+    const int tests_base = t->by_cells || context->slicing != SURFACE; /* with SURFACE, slice 0 is the base */
+    if (tests_base) {
         base = depth_of_base(t, &rays, p.entry, p.exit, &at_base);
         at_base = at_base & p.inside;
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & (rays.rise.sloped > 0.0f), 0);
     }
     const intl at_once = hit.found;
-    floatl last;
-    const floatl before = walk_slices(context, t, region, block, &rays, &p, along_ray(t, t->slice, x, y), drawn, &hit,
-                                      &last);
-
+    floatl last = p.entry, before = p.entry;
+    if (t->by_cells)
+        walk_cells(context, t, region, block, &rays, p.entry, p.exit, drawn, p.inside, &hit);
+    else
+        before = walk_slices(context, t, region, block, &rays, &p, along_ray(t, t->slice, x, y), drawn, &hit, &last);
     const intl reaches_end = (t->halvings > 0 ? before : last) < drawn;
-    if (context->slicing != SURFACE)
+    if (tests_base)
         test_at(context, t, region, block, &hit, base, place_at(&t->bend, &rays, base, 0.0f),
                 at_base & !hit.found & (rays.rise.sloped < 0.0f) & reaches_end, 0);
     /* A ray that leaves through a side is tested at this side, because the slices of the next prism all lie behind it.
      * The bounding planes are a little outside the prism, where heights are extrapolated. */
     const intl in_prism = hit.found;
     if (t->halvings > 0 || t->ends) {
-        const Place end = place_at(&t->bend, &rays, p.exit, height_at_depth(&t->bend, &rays, p.exit));
+        const Place end = place_at_depth(&t->bend, &rays, p.exit);
         test_at(context, t, region, block, &hit, p.exit, end, p.inside & !hit.found & reaches_end, -1);
         const intl refined = t->halvings > 0 ? hit.found & !at_once : hit.found & !in_prism;
         const floatl behind = select_lanes(before > p.entry, before, 0.5f * (p.entry + p.exit));

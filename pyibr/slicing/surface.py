@@ -57,10 +57,12 @@ class SlicedSurface(HeightMapped):
         Number of repetitions of height and colour along u and v.
     slices : int or "view"
         Number over the displacement volume's height. Slices across the surface and parallel to the screen have the same
-        spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle. Slices are
-        then a pixel's width apart. If fewer than 256 slices fit, they are closer, by up to a factor of twelve. They are
-        never closer than half a texel. `halvings` then bring points within an eighth of a pixel of the surface, and
-        within 1/512 of `scale`.
+        spacing, `scale / slices` (section 3.4). "view": as many as the picture needs over each triangle. Where the
+        map's texels are larger than pixels, and where it takes no longer, there are no slices: the ray is intersected
+        with the surface in each cell of the map, which misses no part of it, however thin. Elsewhere slices are a
+        pixel's width apart. If fewer than 256 slices fit, they are closer, by up to a factor of twelve. `halvings` then
+        bring points within an eighth of a pixel of the surface, and within 1/512 of `scale`. The test "band" always
+        has slices, at least half a texel apart.
     slicing : {"orthogonal", "surface", "screen"}
         "surface": parallel to the base only (section 3.1), with gaps when seen from the side; "orthogonal":
         along the normal or one of two directions in the surface, whichever faces the viewer most (section 3.2), for
