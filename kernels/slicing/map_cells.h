@@ -62,25 +62,26 @@ OUTLINED void walk_leg(const Context *context, const Prism *t, const Region *reg
                      t_y = select_lanes(still_y, to, (cy + side_y) * per_y);
         const floatl leaves = max_lanes(min_lanes(t_x, t_y), inside);
         const Patch patch = read_cell(context->heights, map, ix, iy, tx, ty);
-        const Quadratic alpha = heights_along(patch, x + s * dx - cx, y + s * dy - cy, dx, dy);
-        const Quadratic above = {alpha.fixed - (first.h + s * by.h), alpha.sloped - by.h, alpha.curved};
-        const floatl ahead = first_not_negative(above), at = s + ahead;
+        const floatl from = s, h = first.h + s * by.h;
+        if (COUNTERS)
+            add_to_counters(context->counters, region, block, context->screen, tries & 1);
+        s = leaves;
+        const floatl highest = max_lanes(max_lanes(patch.aa, patch.ab), max_lanes(patch.ba, patch.bb));
+        if (!any_lane(tries & (highest * HEIGHT_UNIT >= min_lanes(h, first.h + leaves * by.h))))
+            continue;
+        const Quadratic alpha = heights_along(patch, x + from * dx - cx, y + from * dy - cy, dx, dy);
+        const Quadratic above = {alpha.fixed - h, alpha.sloped - by.h, alpha.curved};
+        const floatl ahead = first_not_negative(above), at = from + ahead;
         intl passed = tries & (ahead >= 0.0f) & (at <= leaves + nudge) & (at <= to);
         if (context->test == INSIDE) /* where alpha is 0 there is nothing */
             passed = passed & (alpha.fixed + ahead * (alpha.sloped + ahead * alpha.curved) > 0.0f);
-        if (COUNTERS)
-            add_to_counters(context->counters, region, block, context->screen, tries & 1);
         hit->z = select_lanes(passed, z + at * deep, hit->z);
-        hit->place.h = select_lanes(passed, first.h + at * by.h, hit->place.h);
-        hit->place.second = select_lanes(passed, first.second + at * by.second, hit->place.second);
-        hit->place.third = select_lanes(passed, first.third + at * by.third, hit->place.third);
         hit->found = hit->found | passed;
-        s = leaves;
     }
 }
 
 /* The least number of legs, of equal length in depth, along which u, v and height count as linear: with this many, they
- * are right to 1 / PIXEL_PARTS of a pixel. entry, exit: depths */
+ * are right to 1 / PIXEL_PARTS of a pixel and to 1 / TEXTURE_PARTS of the displacement. entry, exit: depths */
 INLINED floatl legs_of(const Context *context, const Prism *t, const PrismRays *rays, floatl entry, floatl exit,
                        Place start, Place end)
 {
@@ -91,7 +92,8 @@ INLINED floatl legs_of(const Context *context, const Prism *t, const PrismRays *
     const floatl off = fabs(between.h - start.h - part * h) * t->lengths.rise +
                        fabs(between.second - start.second - part * second) * t->lengths.second +
                        fabs(between.third - start.third - part * third) * t->lengths.third;
-    const floatl parts = off * (PIXEL_PARTS / context->pixel) / (t->perspective ? z : (floatl)1.0f);
+    const floatl pixel = t->perspective ? context->pixel * z : (floatl)context->pixel;
+    const floatl parts = off * max_lanes(PIXEL_PARTS / pixel, (floatl)(TEXTURE_PARTS / t->lengths.rise));
     const floatl columns = (second * t->u_second + third * t->u_third) * context->map_width,
                  rows = (second * t->v_second + third * t->v_third) * context->map_height;
     const floatl most = max_lanes(fabs(columns), fabs(rows)) * (1.0f / LEG_TEXELS);
@@ -100,20 +102,25 @@ INLINED floatl legs_of(const Context *context, const Prism *t, const PrismRays *
 
 /* Intersects rays with the surface between the depths `entry` and `exit`, in legs. drawn: depths beyond which everything
  * is occluded; tries: rays that enter the prism */
-OUTLINED void walk_cells(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
-                         floatl entry, floatl exit, floatl drawn, intl tries, SliceHit *hit)
+OUTLINED SliceHit walk_cells(const Context *context, const Prism *t, const Region *region, int block,
+                             const PrismRays *rays, floatl entry, floatl exit, floatl drawn, intl tries, SliceHit hit)
 {
     Place first = place_at_depth(&t->bend, rays, entry);
     const Place end = place_at_depth(&t->bend, rays, exit);
     const floatl legs = legs_of(context, t, rays, entry, exit, first, end), deep = (exit - entry) / legs;
-    tries = tries & !hit->found;
+    tries = tries & !hit.found;
     for (int k = 0; any_lane(tries); k++) {
         const floatl z = entry + k * deep;
         const intl more = tries & (k + 1 < legs);
         const Place last = any_lane(more) ? place_at_depth(&t->bend, rays, z + deep) : end;
-        walk_leg(context, t, region, block, z, deep, first, last, (drawn - z) / deep, tries, hit);
+        walk_leg(context, t, region, block, z, deep, first, last, (drawn - z) / deep, tries, &hit);
         first = last;
-        tries = more & !hit->found;
+        tries = more & !hit.found;
     }
+    const Place exact = place_at_depth(&t->bend, rays, hit.z); /* so that textures do not flicker */
+    hit.place.h = select_lanes(hit.found, exact.h, hit.place.h);
+    hit.place.second = select_lanes(hit.found, exact.second, hit.place.second);
+    hit.place.third = select_lanes(hit.found, exact.third, hit.place.third);
+    return hit;
 }
 #endif

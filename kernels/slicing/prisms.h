@@ -19,7 +19,7 @@
 #define INSIDE 2   /* alpha > h: where alpha is 0 there is nothing (Kautz & Seidel) */
 
 #define STEADY_PARTS 12.0f /* most slices per pixel width along a ray, where few slices would miss thin parts */
-#define CELLS_PER_SLICE 1.4f /* a slice takes as long as these cells */
+#define CELLS_PER_SLICE 1.6f /* a slice takes as long as these cells */
 #define SURFACE 0
 #define ORTHOGONAL 1
 #define SCREEN 2

@@ -247,9 +247,10 @@ static void cover(const Context *context, const Primitives *made, int lane, Regi
     }
     const intl at_once = hit.found;
     floatl last = p.entry, before = p.entry;
-    if (t->by_cells)
-        walk_cells(context, t, region, block, &rays, p.entry, p.exit, drawn, p.inside, &hit);
-    else
+    if (t->by_cells) {
+        const PrismRays same = rays; /* as its address is taken, it lies in memory; `rays` stays in registers */
+        hit = walk_cells(context, t, region, block, &same, p.entry, p.exit, drawn, p.inside, hit);
+    } else
         before = walk_slices(context, t, region, block, &rays, &p, along_ray(t, t->slice, x, y), drawn, &hit, &last);
     const intl reaches_end = (t->halvings > 0 ? before : last) < drawn;
     if (tests_base)

@@ -127,9 +127,9 @@ def spacing_in(thing: Solid, camera: Camera) -> tuple[float, int]:
     else:
         axis = slices_axis(thing, camera)
         spacing, extent = pixel * abs(float(box.axes[axis] @ _direction(camera, box))), box.edges[axis]
-    # No closer than half a sample, because no view shows finer details.
+    # Tips and outlines are arbitrarily thin, but closer slices find few more of them for their time.
     sample = min(pixel_size(view.camera, box.center) for view in thing.views)
-    least = max(0.5 * sample, spacing_min(float(box.edges.max())))
+    least = max(0.25 * sample, spacing_min(float(box.edges.max())))
     spacing = min(max(spacing, least), extent / _SLICES_MIN)
     return float(spacing), max(thing.halvings, halvings_between(float(spacing), pixel))
 

@@ -101,10 +101,9 @@ def test_surfaces_take_as_many_as_the_picture_needs(slicing):
         return float(alpha_tests(thing, cam).sum() / ibr.render(thing, cam).valid.sum())
 
     assert 1.5 * tests(20) < tests(40) < 2.2 * tests(20)
-    assert 1.5 * tests(40) < tests(80) < 2.2 * tests(40)
-    # The pictures show parts of different sizes, over which the height above the surface varies by some 10 %.
-    for width in (640, 2560):
-        assert 0.8 * tests(320) < tests(width) < 1.2 * tests(320)
+    # The pictures show parts of different sizes, above which rays are 10 to 25 % longer.
+    for width in (80, 640, 2560):
+        assert 0.7 * tests(320) < tests(width) < 1.3 * tests(320)
         assert 0.2 * tests(width) < tests(width, 256) - 1 < 0.3 * tests(width)  # 1: at the ray's ends
 
 
