@@ -2,8 +2,8 @@
 #define SLICING_MAP_CELLS_H
 /* Rays intersected with the surface without slices, in the cells between texel centres.
  *
- * A ray in a prism is cut into legs. Along a leg u, v and height count as linear, so in a cell the map's height less the
- * ray's is quadratic.
+ * A ray in a prism is cut into legs. Along a leg u, v and height count as linear, so in a cell the map's height less
+ * the ray's is quadratic.
  */
 #include "slicing/prism_rays.h"
 
@@ -80,13 +80,13 @@ OUTLINED void walk_leg(const Context *context, const Prism *t, const Region *reg
     }
 }
 
-/* The least number of legs, of equal length in depth, along which u, v and height count as linear: with this many, they
- * are right to 1 / PIXEL_PARTS of a pixel and to 1 / TEXTURE_PARTS of the displacement. entry, exit: depths */
+/* The least number of legs, of equal length in depth, along which u, v and height are linear to 1 / PIXEL_PARTS of a
+ * pixel and to 1 / TEXTURE_PARTS of the displacement. entry, exit: depths */
 INLINED floatl legs_of(const Context *context, const Prism *t, const PrismRays *rays, floatl entry, floatl exit,
                        Place start, Place end)
 {
     const floatl h = end.h - start.h, second = end.second - start.second, third = end.third - start.third;
-    const float part = 1.0f / 3.0f; /* a third of the way shows where a curve with a turning point leaves its chord, too */
+    const float part = 1.0f / 3.0f; /* not half: there, a curve with a turning point may meet its chord */
     const floatl z = entry + part * (exit - entry);
     const Place between = place_at_depth(&t->bend, rays, z);
     const floatl off = fabs(between.h - start.h - part * h) * t->lengths.rise +
@@ -100,8 +100,8 @@ INLINED floatl legs_of(const Context *context, const Prism *t, const PrismRays *
     return clamp_lanes(ceil_lanes(max_lanes(sqrt(parts), most)), (floatl)1.0f, (floatl)PRISM_LEGS_MAX);
 }
 
-/* Intersects rays with the surface between the depths `entry` and `exit`, in legs. drawn: depths beyond which everything
- * is occluded; tries: rays that enter the prism */
+/* Intersects rays with the surface between the depths `entry` and `exit`, in legs. drawn: depths beyond which
+ * everything is occluded; tries: rays that enter the prism */
 OUTLINED SliceHit walk_cells(const Context *context, const Prism *t, const Region *region, int block,
                              const PrismRays *rays, floatl entry, floatl exit, floatl drawn, intl tries, SliceHit hit)
 {
@@ -117,10 +117,7 @@ OUTLINED SliceHit walk_cells(const Context *context, const Prism *t, const Regio
         first = last;
         tries = more & !hit.found;
     }
-    const Place exact = place_at_depth(&t->bend, rays, hit.z); /* so that textures do not flicker */
-    hit.place.h = select_lanes(hit.found, exact.h, hit.place.h);
-    hit.place.second = select_lanes(hit.found, exact.second, hit.place.second);
-    hit.place.third = select_lanes(hit.found, exact.third, hit.place.third);
+    hit.place = place_at_depth(&t->bend, rays, hit.z); /* exact, so that textures do not flicker */
     return hit;
 }
 #endif

@@ -160,10 +160,10 @@ Quantity from_corners(const Quantity *rows, float4 values)
 /* Sets the spacing of a prism's slices. Along a ray, slices are one pixel width apart, measured at the prism's nearest
  * corner. If fewer than SLICES_STEADY slices fit into the displacement, slices are closer, so that thin parts do not
  * flicker: at most STEADY_PARTS per pixel width. Wider spacings get more bisections, so that hits stay within
- * 1 / PIXEL_PARTS of a pixel of the surface. Rays are intersected with the map's cells instead if texels are larger than
- * pixels, or if that takes no longer; not with the test BAND, whose slices are at least half a texel apart. view: the
- * direction of a ray, of length 1; facing: the cosine of the angle between it and the slices' normal; base: corners of
- * the prism's triangle */
+ * 1 / PIXEL_PARTS of a pixel of the surface. Rays are intersected with the map's cells instead if texels are larger
+ * than pixels, or if that takes no longer; not with the test BAND, whose slices are at least half a texel apart. base:
+ * corners of the prism's triangle; view: the direction of a ray, of length 1; facing: the cosine of the angle between
+ * it and the slices' normal */
 void space_slices(const Context *context, Prism *t, const float3 *base, float3 view, float facing)
 {
     t->spacing = context->spacing;
@@ -175,7 +175,8 @@ void space_slices(const Context *context, Prism *t, const float3 *base, float3 v
     const float pixel = context->pixel * (t->perspective ? 1.0f / t->front : 1.0f);
     const float scale = context->spacing * context->slices;
     global const float *g = context->gradients + t->index * 6;
-    const float3 along_u = vload3(0, g) * (float)context->map_width, along_v = vload3(1, g) * (float)context->map_height;
+    const float3 along_u = vload3(0, g) * (float)context->map_width;
+    const float3 along_v = vload3(1, g) * (float)context->map_height;
     const float texels = fmax(fmax(fast_length(along_u), fast_length(along_v)), 1e-30f); /* per scene unit */
     const float pixel_spacing = pixel * facing;
     t->spacing = fmax(fmin(pixel_spacing, fmax(pixel_spacing / STEADY_PARTS, scale / SLICES_STEADY)),

@@ -33,8 +33,8 @@ class DepthObject(MeshableSolid):
         (`pyibr.capture.object_views`).
     slices : int or "view"
         Number along the longest edge of the object's box; other directions have the same spacing. "view": as many as
-        the picture needs. Slices are then a pixel's width apart (section 3.4), but no closer than a quarter of a sample of the
-        views, and more `halvings` bring points within an eighth of a pixel of the surface.
+        the picture needs. Slices are then a pixel's width apart (section 3.4), but no closer than a quarter of a sample
+        of the views, and more `halvings` bring points within an eighth of a pixel of the surface.
     slicing : {"orthogonal", "screen"}
         "orthogonal": along the edge of the box that faces the viewer most; the box's axes are the first view's.
         "screen": parallel to the view plane.
