@@ -1,13 +1,15 @@
-"""``python -m benchmarks.relief.outlines [MESHES]``: compares outlines of reliefs on real meshes with cast rays.
+"""``python -m benchmarks.relief.outlines [MESHES]``: compares reliefs on real and on coarse meshes with cast rays.
 
 An even relief has the same height everywhere: it moves the mesh's surface, and its outline, inwards by one distance.
-The truth is ray cast by Open3D (Embree): the mesh's triangles are cut into finer triangles, whose corners are moved
-along the normals. Where the mesh is thinner than the relief is deep, the truth is inside out.
+Hills also show whether rays meet the map in the right places. The truth is ray cast by Open3D (Embree): the mesh's
+triangles are cut into finer triangles, whose corners are moved along the interpolated normals. Where the mesh is
+thinner than the relief is deep, the truth is inside out.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass
@@ -22,6 +24,7 @@ from benchmarks.results import Skip
 from benchmarks.scenes import scanned
 from benchmarks.tables import table
 from pyibr.capture import models
+from pyibr.meshes.heights import height_at
 
 Float64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,11 +32,11 @@ Mask = NDArray[np.bool_]
 SIZE, TURNS, DEPTHS = 320, (20, 110, 200, 290), (0.01, 0.04)
 """Side of the pictures in pixels, degrees around the mesh, and depths relative to the diagonal of its box."""
 
-HEIGHT = 0.5
-"""Height of the even reliefs: the outline moves inwards by half of their depth."""
+TILES = (4, 4)
+"""Repetitions of the maps along u and v."""
 
 CUTS = 4
-"""Number of pieces into which the truth cuts each side of a triangle."""
+"""Number of pieces into which the truth cuts each side of a triangle, and each texel along the sides."""
 
 WHITE = np.full((2, 2, 3), 255, np.uint8)
 LIGHT: dict[str, Any] = {"direction": (0.4, -1.0, -0.7), "ambient": 0.2}
@@ -48,6 +51,19 @@ def _file(name: str, axis: int | None = None, *, creased: bool = False) -> ibr.M
     return ibr.Mesh(wrapped.vertices, wrapped.faces, uv=wrapped.uv) if creased else wrapped
 
 
+def cube(cells: int = 1) -> ibr.Mesh:
+    """Make a cube of 6 x cells x cells squares with hard edges; each side has uv from (0, 0) to (1, 1)."""
+    at = np.linspace(0, 1, cells + 1)
+    u, v = (values.ravel() for values in np.meshgrid(at, at))
+    i = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    square = np.concatenate([np.stack([i, i + 1, i + cells + 2], 1), np.stack([i, i + cells + 2, i + cells + 1], 1)])
+    top = np.stack([u - 0.5, v - 0.5, np.full_like(u, 0.5)], axis=1)
+    turned = [np.roll(top, axis, axis=1) for axis in range(3)]
+    points = np.concatenate([*turned, *(side * (-1, -1, -1) for side in turned)])
+    faces = [(square if side < 3 else square[:, ::-1]) + side * u.size for side in range(6)]
+    return ibr.Mesh(points, np.concatenate(faces), uv=np.tile(np.stack([u, v], axis=1), (6, 1)))
+
+
 MESHES: dict[str, Callable[[], ibr.Mesh | Skip]] = {
     "Spot": functools.partial(_file, "spot/spot_triangulated.obj"),
     "cow": functools.partial(_file, "cow.obj.gz", 1),
@@ -57,12 +73,24 @@ MESHES: dict[str, Callable[[], ibr.Mesh | Skip]] = {
     "cheburashka": functools.partial(_file, "cheburashka.obj.gz", 1),
     "human": functools.partial(_file, "human_female_makehuman.obj.gz"),
     "teapot": functools.partial(_file, "teapot.obj.gz", 1),
+    "cube of 12 triangles": cube,
+    "torus of 6 sides": functools.partial(models.donut, 6),
 }
+
+
+def _hills(texels: int = 16) -> NDArray[np.float32]:
+    """Smooth heights from 0.1 to 0.9 that tile."""
+    across, down = np.sin(2 * np.pi * (np.indices((texels, texels)) + 0.5) / texels)
+    return np.asarray(0.5 + 0.4 * across * down, np.float32)
+
+
+HEIGHTS: dict[str, NDArray[np.float32]] = {"even": np.full((4, 4), 0.5, np.float32), "hills": _hills()}
+"""Maps with a mean of 0.5: outlines move inwards by about half of the relief's depth."""
 
 
 @dataclass(frozen=True)
 class Outline:
-    """Figures of an even relief, over all pixels of all pictures.
+    """Figures of a relief, over all pixels of all pictures.
 
     Attributes
     ----------
@@ -75,9 +103,12 @@ class Outline:
     holes, spurs : int
         Empty pixels at least two pixels inside the true outline, and covered pixels at least two pixels outside.
     inside_out : int
-        Holes whose rays hit the truth from behind, or at a point closer to the mesh than its displacement.
+        Holes whose rays hit the truth from behind, or at a point closer to the mesh than the least displacement.
     false_shadow : float
         Fraction of the lit side's pixels that are in shadow, but lit in the truth.
+    off : float
+        Fraction of the pixels, at least two pixels inside the true outline, whose depth is wrong by more than a tenth
+        of the relief's depth. Pixels that see the truth from behind do not count.
     """
 
     carved: float
@@ -87,6 +118,7 @@ class Outline:
     spurs: int
     inside_out: int
     false_shadow: float
+    off: float
 
 
 def scene_of(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
@@ -96,23 +128,21 @@ def scene_of(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
     return scene
 
 
-def carved_scene(relief: ibr.ReliefSurface) -> Any:
-    """Build the true surface of an even relief, for ray casting."""
-    mesh, offsets = relief.drawn, relief.offsets
-    parts = [(i, j) for i in range(CUTS + 1) for j in range(CUTS + 1 - i)]
+def carved_scene(relief: ibr.ReliefSurface, fine: int = CUTS) -> Any:
+    """Build the true surface of a relief, for ray casting: with `fine` cells for each side of a triangle or texel."""
+    mesh, uv = relief.drawn, np.asarray(relief.drawn.uv, np.float64) * relief.tiles
+    texels = np.ptp(uv[mesh.faces], axis=1) * relief.height.shape[::-1] * (np.ptp(relief.height) > 0)
+    cuts = max(fine, int(np.ceil(fine * np.quantile(texels, 0.99))))
+    parts = [(i, j) for i in range(cuts + 1) for j in range(cuts + 1 - i)]
     number = {part: k for k, part in enumerate(parts)}
-    weights = np.array([(CUTS - i - j, i, j) for i, j in parts]) / CUTS
-    points = np.einsum("kw,twc->tkc", weights, mesh.vertices.astype(np.float64)[mesh.faces])
-    ahead, lengths = (np.einsum("kw,twc->tkc", weights, rows[mesh.faces]) for rows in (offsets, _lengths(offsets)))
-    points -= (1 - HEIGHT) * lengths * ahead / np.maximum(_lengths(ahead), 1e-12)
-    cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < CUTS]
-    cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in number if i + j < CUTS - 1]
+    weights = np.array([(cuts - i - j, i, j) for i, j in parts]) / cuts
+    values = (mesh.vertices.astype(np.float64), relief.offsets, uv)
+    points, offsets, places = (np.einsum("kw,twc->tkc", weights, rows[mesh.faces]) for rows in values)
+    points -= (1 - height_at(relief.height, places, relief.wrap))[..., None] * offsets
+    cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < cuts]
+    cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in number if i + j < cuts - 1]
     faces = np.arange(len(points))[:, None, None] * len(parts) + np.array(cells)
     return scene_of(points.reshape(-1, 3), faces.reshape(-1, 3))
-
-
-def _lengths(vectors: Float64) -> Float64:
-    return np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def around(mesh: ibr.Mesh, turn: float, size: int = SIZE) -> ibr.Camera:
@@ -128,16 +158,12 @@ def extent_of(mesh: ibr.Mesh) -> float:
     return float(np.linalg.norm(np.subtract(*mesh.bounds)))
 
 
-def even_relief(mesh: ibr.Mesh, depth: float, **options: Any) -> ibr.ReliefSurface:
-    """A relief whose surface lies at half of its depth everywhere; `depth` is relative to the mesh's extent."""
-    return ibr.ReliefSurface(mesh, np.full((4, 4), HEIGHT, np.float32), WHITE, depth * extent_of(mesh), **options)
-
-
-def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> Outline:
-    """Measure an even relief on a mesh, from all sides."""
-    relief = even_relief(mesh, depth, **options)
+def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, heights: str = "even", **options: Any) -> Outline:
+    """Measure a relief on a mesh, from all sides; `depth` is relative to the mesh's extent."""
+    relief = ibr.ReliefSurface(mesh, HEIGHTS[heights], WHITE, depth * extent_of(mesh), tiles=TILES, **options)
     scene, base = carved_scene(relief), scene_of(mesh.vertices, mesh.faces)
     light, plain = (ibr.Light(**LIGHT, shadow_size=side) for side in (1024, 0))
+    least = relief.scale * (1 - float(relief.height.max()))
     rows = []
     for turn in TURNS:
         camera = around(mesh, turn, size)
@@ -154,12 +180,15 @@ def measure(mesh: ibr.Mesh, depth: float, size: int = SIZE, **options: Any) -> O
         counts += (bare & true).sum(), (bare | true).sum()
         holes = _shrunk(true) & ~ours
         counts += holes.sum(), (ours & ~_grown(true)).sum()
-        counts += (_inside_out(base, rays, hits, (1 - HEIGHT) * relief.scale, np.flatnonzero(holes)),)
-        rows.append((*counts, (dark & is_lit).sum(), (told & true & ours).sum()))
+        counts += (_inside_out(base, rays, hits, least, np.flatnonzero(holes)),)
+        front = (hits["primitive_normals"].numpy() * rays[:, 3:]).sum(axis=1).reshape(size, size) < 0
+        inner = _shrunk(true) & ours & front
+        off = inner & (np.abs(lit.depth - hits["t_hit"].numpy().reshape(size, size)) > 0.1 * relief.scale)
+        rows.append((*counts, (dark & is_lit).sum(), (told & true & ours).sum(), off.sum(), inner.sum()))
     sums = np.sum(rows, axis=0, dtype=float)
-    carved, should, both, either, bare_both, bare_either, empty, spurs, inside_out, dark, told = sums
+    carved, should, both, either, bare_both, bare_either, empty, spurs, inside_out, dark, told, off, inner = sums
     pixels = int(empty), int(spurs), int(inside_out)
-    return Outline(carved / should, both / either, bare_both / bare_either, *pixels, dark / told)
+    return Outline(carved / should, both / either, bare_both / bare_either, *pixels, dark / told, off / inner)
 
 
 def _rays(camera: ibr.Camera) -> Float64:
@@ -182,7 +211,7 @@ def _lit(scene: Any, rays: Float64, hits: Any, scale: float) -> Mask:
 
 
 def _inside_out(base: Any, rays: Float64, hits: Any, moved: float, holes: NDArray[np.intp]) -> int:
-    """Count holes whose rays hit the truth from behind, or at less than 0.9 of its displacement from the mesh."""
+    """Count holes whose rays hit the truth from behind, or at less than 0.9 of its least displacement from the mesh."""
     t, ahead = hits["t_hit"].numpy()[holes, None].astype(np.float64), rays[holes, 3:]
     from_behind = (hits["primitive_normals"].numpy()[holes] * ahead).sum(axis=1) > 0
     points = (rays[holes, :3] + t * ahead).astype(np.float32)
@@ -206,14 +235,15 @@ def lines(names: list[str], **options: Any) -> Iterator[list[str]]:
         mesh = MESHES[name]()
         if isinstance(mesh, Skip):
             continue
-        for depth in DEPTHS:
-            found = measure(mesh, depth, **options)
-            carved, iou, bare, holes, spurs, inside_out, dark = astuple(found)
+        for depth, heights in itertools.product(DEPTHS, HEIGHTS):
+            found = measure(mesh, depth, heights=heights, **options)
+            carved, iou, bare, holes, spurs, inside_out, dark, off = astuple(found)
             shares = [f"{carved:.2f}", f"{iou:.3f}", f"{bare:.3f}"]
-            yield [name, f"{depth:g}", *shares, f"{holes}", f"{inside_out}", f"{spurs}", f"{dark:.2%}"]
+            counts = [f"{holes}", f"{inside_out}", f"{spurs}"]
+            yield [name, f"{depth:g}", heights, *shares, *counts, f"{dark:.2%}", f"{off:.2%}"]
 
 
 if __name__ == "__main__":
-    head = ["mesh", "depth", "carved share", "IoU", "IoU of the bare mesh", "holes, px", "inside out", "spurs, px"]
-    head += ["false shadow"]
+    head = ["mesh", "depth", "heights", "carved share", "IoU", "IoU of the bare mesh", "holes, px", "inside out"]
+    head += ["spurs, px", "false shadow", "depth off"]
     print(table(head, list(lines(sys.argv[1:] or list(MESHES)))))

@@ -5,9 +5,6 @@
 #include "raster/fragment.h"
 #include "relief/entry.h"
 
-#ifndef DEPTH_ALONE
-#define DEPTH_ALONE 0 /* 1: no colours are needed, as in a light's map */
-#endif
 #ifndef WITHIN
 #define WITHIN 0 /* 1: the eye is below the mesh, and rays walk from the eye */
 #endif

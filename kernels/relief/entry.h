@@ -12,6 +12,10 @@
 #include "raster/triangle.h"
 #include "relief/search.h"
 
+#ifndef DEPTH_ALONE
+#define DEPTH_ALONE 0 /* 1: no colours are needed, as in a light's map */
+#endif
+
 #define VERTEX_FLOATS 16 /* floats of a vertex */
 
 #define LINEAR 0

@@ -5,7 +5,7 @@
  * At each corner P of a triangle, a vector N leads from the relief's bottom to P. A point below the triangle is
  * X = P - h N, where P and N are interpolated with the same weights and h is the point's depth, 1 at the bottom. The
  * points below a triangle form a prism; all prisms together fill the relief without gaps. A ray is followed from prism
- * to prism, one leg in each, until it leaves a prism at the bottom, at the mesh, or at a border of the mesh.
+ * to prism, in one leg or several, until it leaves a prism at the bottom, at the mesh, or at a border of the mesh.
  *
  * The points of a prism at one depth form a triangle, the section at this depth, which a ray crosses once. So within a
  * prism, the depth determines the ray's point. With each side of the section, this point forms a triangle. The areas of
@@ -25,10 +25,15 @@
 #include "relief/entry.h"
 
 #define PRISM_FLOATS 28
-#define LEGS_MAX 512    /* most legs of a ray; nearly all rays take less than ten */
-#define LEAST 1e-30f    /* least divisor */
-#define SHORTEST 1e-18f /* scene units: shorter legs count as this long in divisions */
-#define UNEVEN 0.2f     /* fraction of a leg: the ray has its mean depth at most this far from the leg's middle */
+#define LEGS_MAX 512       /* most legs of a ray; nearly all rays take less than ten */
+#define LEAST 1e-30f       /* least divisor */
+#define SHORTEST 1e-18f    /* scene units: shorter legs count as this long in divisions */
+#define SHORTEST_CUT 0.02f /* change of depth: shorter legs are not cut */
+#define SLACK 1.01f        /* a leg that is too long by less than this factor, as by rounding, is not cut */
+#define UNEVEN 0.2f        /* fraction of a leg: the ray has its mean depth at most this far from the leg's middle */
+/* Texels: greatest error of u and v. A light's map has a smaller error than a picture, or reliefs would shade themselves */
+#define BEND_MAX (DEPTH_ALONE ? 0.025f : 0.1f)
+#define TEXELS_MIN 16.0f   /* columns or rows: for BEND_MAX, smaller maps count as this large */
 
 /* A triangle's prism: P relative to a ray's entry, N, u and v of its corners. Points and vectors have z along the
  * ray. */
@@ -53,7 +58,8 @@ typedef struct {
 typedef struct {
     Vector from, direction;
     floatl reached; /* distance from the entry */
-    intl triangle;
+    intl triangle, enters;          /* the ray's triangle, and rays that have just come to it */
+    MeshPrism prism;                /* below the triangle */
     floatl depth;                   /* depth at this distance */
     intl active;                    /* rays that are followed */
     intl is_beyond, ends_at_border; /* rays that are beyond a border; rays that end at borders */
@@ -61,8 +67,11 @@ typedef struct {
     intl beside; /* the same side in the neighbouring triangle, or -1, as in `prisms` */
     floatl leg, way, end;                      /* the leg's length, direction (1 or -1), and depth at its end */
     floatl second, third, by_second, by_third; /* corners' weights, and their change per scene unit of the leg */
-    floatl pixel_size; /* scene units at the entry; 0: the finest level is read */
-    intl level, tier;  /* level of the map, and tier of the search (search.h) */
+    intl is_cut;          /* legs that end within their prisms */
+    floatl cut;           /* greatest change of depth along a leg in this prism, or NEVER */
+    floatl pixel_size;    /* scene units at the entry; 0: the finest level is read */
+    intl level, tier;     /* level of the map, and tier of the search (search.h) */
+    floatl columns, rows; /* the level's columns and rows, for BEND_MAX */
 } MeshWalk;
 
 INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from, Vector z)
@@ -100,9 +109,11 @@ INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from, Vec
     return p;
 }
 
-/* The level of the map for pixels of `size` scene units, from the number of texels that a pixel covers on a triangle */
-INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
+/* Sets a walk's level of the map, from the number of texels that a pixel covers on the first triangle. */
+INLINED void set_level(const Relief *relief, MeshWalk *walk)
 {
+    const MeshPrism *p = &walk->prism;
+    const floatl size = walk->pixel_size;
     const Vector second = minus(p->point[1], p->point[0]), third = minus(p->point[2], p->point[0]);
     const floatl E = DOT(second, second), F = DOT(second, third), G = DOT(third, third);
     const floatl u_1 = p->u[1] - p->u[0], u_2 = p->u[2] - p->u[0], v_1 = p->v[1] - p->v[0], v_2 = p->v[2] - p->v[0];
@@ -110,7 +121,9 @@ INLINED intl level_on(const Relief *relief, const MeshPrism *p, floatl size)
                  v = G * v_1 * v_1 - 2.0f * F * v_1 * v_2 + E * v_2 * v_2;
     const float width = relief->levels[0], height = relief->levels[1];
     const floatl texels_2 = max_lanes(u * (width * width), v * (height * height)) * size * size / (E * G - F * F);
-    return finest_level(relief, level_of_texels(texels_2, relief->level_count), size, -1);
+    walk->level = finest_level(relief, level_of_texels(texels_2, relief->level_count), size, -1);
+    walk->columns = to_floatl(table_at(relief->levels, walk->level, 0)) * max(1.0f, TEXELS_MIN / width);
+    walk->rows = to_floatl(table_at(relief->levels, walk->level, 1)) * max(1.0f, TEXELS_MIN / height);
 }
 
 /* Twice the signed area of the triangle of the origin and the points a and b, in the x-y plane */
@@ -174,19 +187,20 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Sets `side` to the sides through which rays leave their prisms. Returns how much depths change until then. */
-INLINED floatl find_side(MeshWalk *walk, const SideAreas *sides)
+/* Sets `side`, the sides through which rays have come, to the sides through which they leave their prisms. Returns how
+ * much depths change until then. */
+INLINED floatl find_side(const SideAreas *sides, floatl depth, intl *side)
 {
-    const floatl depth = walk->depth, rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the end */
+    const floatl rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the bottom, or to the mesh */
     floatl x = max_lanes(rest, (floatl)0.0f);
     intl out = -1;
     UNROLLED
     for (int k = 0; k < 3; k++) {
-        const floatl by = becomes_less(sides->area[k], sides->slope[k], sides->bend[k], walk->side == k);
+        const floatl by = becomes_less(sides->area[k], sides->slope[k], sides->bend[k], *side == k);
         out = select_lanes(by < x, (intl)k, out);
         x = min_lanes(by, x);
     }
-    walk->side = out;
+    *side = out;
     return x;
 }
 
@@ -225,6 +239,8 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
     intl at_bottom;
     const floatl leg = way_out(walk->depth, slope, bend, &at_bottom);
     walk->way = select_lanes(which, way, walk->way);
+    walk->second = select_lanes(which, at->second, walk->second);
+    walk->third = select_lanes(which, at->third, walk->third);
     walk->by_second = select_lanes(which, second, walk->by_second);
     walk->by_third = select_lanes(which, third, walk->by_third);
     walk->side = select_lanes(which, (intl)-1, walk->side);
@@ -234,44 +250,72 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
     ray->at_bottom = select_lanes(which, at_bottom, ray->at_bottom);
 }
 
+/* Sets a walk's leg, which begins at the crossing `at`. It ends where the ray leaves the prism, or is cut before. In a
+ * prism u and v follow curves. The leg's u and v follow straight lines midway between the curve and its chord, at most
+ * BEND_MAX from both. (The distance between them grows with the square of a leg's length.) Returns the fraction of the
+ * leg where the ray has its mean depth. */
+INLINED floatl set_leg(const MeshPrism *p, const SideAreas *sides, const Crossing *at, MeshWalk *walk)
+{
+    intl out_side = walk->side;
+    const floatl rest = find_side(sides, walk->depth, &out_side);
+    floatl middle, off_second, off_third;
+    ROLLED
+    for (int pass = 0; pass < 2; pass++) { /* the second pass is for legs that the first one cuts */
+        walk->is_cut = rest > walk->cut * SLACK;
+        const floatl x = select_lanes(walk->is_cut, walk->cut, rest);
+        walk->side = select_lanes(walk->is_cut, (intl)-1, out_side);
+        const Crossing between = crossing_at(p, sides, walk->depth, 0.5f * x, (intl)-1),
+                       out = crossing_at(p, sides, walk->depth, x, walk->side);
+        const floatl way = out.distance - walk->reached;
+        walk->end = walk->depth + sides->sign * x;
+        walk->way = select_lanes(way < 0.0f, (floatl)-1.0f, (floatl)1.0f);
+        walk->leg = fabs(way);
+        const floatl per_leg = 1.0f / max_lanes(walk->leg, (floatl)SHORTEST);
+        middle = clamp_lanes(walk->way * per_leg * (between.distance - walk->reached), (floatl)0.0f, (floatl)1.0f);
+        walk->by_second = per_leg * (out.second - at->second);
+        walk->by_third = per_leg * (out.third - at->third);
+        off_second = between.second - at->second - middle * (out.second - at->second);
+        off_third = between.third - at->third - middle * (out.third - at->third);
+        const floatl bend = max_lanes(fabs(CHANGE_OF(p->u, off_second, off_third)) * walk->columns,
+                                      fabs(CHANGE_OF(p->v, off_second, off_third)) * walk->rows) *
+                            (0.5f / BEND_MAX);
+        const intl bends = walk->active & !walk->is_beyond & (bend > 1.0f) & (x > SHORTEST_CUT);
+        if (!any_lane(bends))
+            break;
+        const floatl part = max_lanes(x / ceil_lanes(sqrt(bend)), (floatl)SHORTEST_CUT);
+        walk->cut = select_lanes(bends, part, walk->cut);
+    }
+    walk->second = at->second + 0.5f * off_second;
+    walk->third = at->third + 0.5f * off_third;
+    return clamp_lanes(middle, (floatl)(0.5f - UNEVEN), (floatl)(0.5f + UNEVEN));
+}
+
 /* Sets up a walk's next leg, and the ray that is searched on it. The ray's depth is a parabola, which is exact at the
- * leg's ends and where the depth is the mean of the ends' depths; u and v are linear, as they hardly curve in a
- * prism. */
+ * leg's ends and where the depth is the mean of the ends' depths. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
-    const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);
+    const MeshPrism *p = &walk->prism;
+    if (LANES == 1 || any_lane(walk->enters)) /* GPUs lack registers to keep the prism */
+        walk->prism = prism_of(relief, walk->triangle, walk->from, walk->direction);
     if (is_first)
-        walk->level = level_on(relief, &p, walk->pixel_size);
-    const floatl depth = walk->depth;
-    const SideAreas sides = sides_at(&p, depth);
-    const Crossing at = crossing_at(&p, &sides, depth, (floatl)0.0f, walk->side);
-    const floatl x = find_side(walk, &sides), deeper = sides.sign * x;
-    const Crossing between = crossing_at(&p, &sides, depth, 0.5f * x, (intl)-1),
-                   out = crossing_at(&p, &sides, depth, x, walk->side);
-    const floatl way = out.distance - walk->reached;
-    walk->end = depth + deeper;
-    walk->way = select_lanes(way < 0.0f, (floatl)-1.0f, (floatl)1.0f);
-    walk->leg = fabs(way);
-    const floatl per_leg = 1.0f / max_lanes(walk->leg, (floatl)SHORTEST);
-    const floatl middle = clamp_lanes(walk->way * per_leg * (between.distance - walk->reached), (floatl)(0.5f - UNEVEN),
-                                      (floatl)(0.5f + UNEVEN));
-    const floatl bend = deeper * (middle - 0.5f) / (middle * (1.0f - middle));
-    walk->second = at.second;
-    walk->third = at.third;
-    walk->by_second = per_leg * (out.second - at.second);
-    walk->by_third = per_leg * (out.third - at.third);
-    ray->depth = depth;
+        set_level(relief, walk);
+    const SideAreas sides = sides_at(p, walk->depth);
+    const Crossing at = crossing_at(p, &sides, walk->depth, (floatl)0.0f, walk->side);
+    const floatl middle = set_leg(p, &sides, &at, walk);
+    const floatl deeper = walk->end - walk->depth, per_leg = 1.0f / max_lanes(walk->leg, (floatl)SHORTEST),
+                 bend = deeper * (middle - 0.5f) / (middle * (1.0f - middle));
+    ray->depth = walk->depth;
     ray->L = per_leg * (deeper - bend);
     ray->K = per_leg * per_leg * bend;
     ray->end = walk->leg;
-    ray->at_bottom = (walk->side < 0) & (walk->end > 0.5f);
+    ray->at_bottom = (walk->side < 0) & (walk->end > 0.5f) & !walk->is_cut;
     if (any_lane(walk->is_beyond))
-        go_beyond(&p, walk, &sides, &at, relief->scale, ray);
-    walk->beside = select_lanes(walk->side == 2, p.beside[2], select_lanes(walk->side == 1, p.beside[1], p.beside[0]));
-    ray->u = WRAPPED_UV(CLAMPED_U, p.u[0] + CHANGE_OF(p.u, at.second, at.third));
-    ray->v = WRAPPED_UV(CLAMPED_V, p.v[0] + CHANGE_OF(p.v, at.second, at.third));
-    ray->du = CHANGE_OF(p.u, walk->by_second, walk->by_third);
-    ray->dv = CHANGE_OF(p.v, walk->by_second, walk->by_third);
+        go_beyond(p, walk, &sides, &at, relief->scale, ray);
+    walk->beside = select_lanes(walk->side == 2, p->beside[2], select_lanes(walk->side == 1, p->beside[1], p->beside[0]));
+    ray->u = WRAPPED_UV(CLAMPED_U, p->u[0] + CHANGE_OF(p->u, walk->second, walk->third));
+    ray->v = WRAPPED_UV(CLAMPED_V, p->v[0] + CHANGE_OF(p->v, walk->second, walk->third));
+    ray->du = CHANGE_OF(p->u, walk->by_second, walk->by_third);
+    ray->dv = CHANGE_OF(p->v, walk->by_second, walk->by_third);
     ray->level = walk->level;
 }
 
@@ -280,8 +324,11 @@ INLINED void end_leg(MeshWalk *walk)
 {
     const intl passes = walk->side >= 0, crosses = passes & (walk->beside >= 0), triangle = walk->beside / 3;
     walk->reached += walk->way * walk->leg;
-    walk->active = walk->active & passes & (crosses | !walk->ends_at_border) & isfinite_lanes(walk->leg + walk->end);
-    walk->is_beyond = !crosses;
+    const intl goes_on = walk->is_cut | (passes & (crosses | !walk->ends_at_border));
+    walk->active = walk->active & goes_on & isfinite_lanes(walk->leg + walk->end);
+    walk->is_beyond = !crosses & !walk->is_cut;
+    walk->enters = crosses & walk->active;
+    walk->cut = select_lanes(walk->is_cut, walk->cut, (floatl)NEVER);
     walk->triangle = select_lanes(crosses, triangle, walk->triangle);
     walk->depth = walk->end;
     walk->side = select_lanes(crosses, walk->beside - 3 * triangle, (intl)-1);

@@ -94,15 +94,15 @@ def following(values: NDArray[Any], axis: int, wrap: Wraps) -> NDArray[Any]:
     return values.take(order, axis=axis)
 
 
-def height_at(height: Float32, uv: NDArray[np.float64], wrap: Wraps) -> float:
-    """The bilinear height at one position (u, v)."""
+def height_at(height: Float32, uv: NDArray[np.float64], wrap: Wraps) -> NDArray[np.float64]:
+    """The bilinear heights (...) at positions (..., 2), u and v."""
     rows, columns = height.shape
-    (x, fx), (y, fy) = (divmod(float(at) * n - 0.5, 1) for at, n in zip(uv, (columns, rows), strict=True))
+    (x, fx), (y, fy) = (np.divmod(uv[..., axis] * n - 0.5, 1) for axis, n in ((0, columns), (1, rows)))
     across, down = (
-        [int(k % n if how == "repeat" else min(max(k, 0), n - 1)) for k in (first, first + 1)]
+        [k % n if how == "repeat" else k.clip(0, n - 1) for k in (first.astype(int), first.astype(int) + 1)]
         for first, n, how in ((x, columns, wrap[0]), (y, rows, wrap[1]))
     )
-    (aa, ab), (ba, bb) = height[np.ix_(down, across)].tolist()
+    (aa, ab), (ba, bb) = ([height[row, column].astype(np.float64) for column in across] for row in down)
     return (1 - fy) * ((1 - fx) * aa + fx * ab) + fy * ((1 - fx) * ba + fx * bb)
 
 
