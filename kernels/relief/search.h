@@ -267,6 +267,7 @@ INLINED void safe_search(Search *searches, int count, global const uint *texels,
         s->per_y = select_lanes(still_y, (floatl)NEVER, 1.0f / s->track.dy);
         s->from_x = select_lanes(still_x, s->track.x - 1.0f, s->track.x);
         s->from_y = select_lanes(still_y, s->track.y - 1.0f, s->track.y);
+        /* Rays that move along no axis stay in their cell: no place ahead of them is in another. */
         const floatl per_texel = min_lanes(fabs(s->per_x), fabs(s->per_y));
         s->nudge = NUDGE * select_lanes(still_x & still_y, (floatl)0.0f, per_texel);
         s->peak = select_lanes(s->ray.K < 0.0f, -0.5f * s->ray.L / s->ray.K, (floatl)INFINITY);

@@ -31,9 +31,9 @@
 #define SHORTEST_CUT 0.02f /* change of depth: shorter legs are not cut */
 #define SLACK 1.01f        /* a leg that is too long by less than this factor, as by rounding, is not cut */
 #define UNEVEN 0.2f        /* fraction of a leg: the ray has its mean depth at most this far from the leg's middle */
-/* Texels: greatest error of u and v. A light's map has a smaller error than a picture, or reliefs would shade themselves */
+/* Texels: greatest error of u and v. With larger errors in a light's map, reliefs would shade themselves. */
 #define BEND_MAX (DEPTH_ALONE ? 0.025f : 0.1f)
-#define TEXELS_MIN 16.0f   /* columns or rows: for BEND_MAX, smaller maps count as this large */
+#define TEXELS_MIN 16.0f /* columns or rows: for BEND_MAX, smaller maps count as this large */
 
 /* A triangle's prism: P relative to a ray's entry, N, u and v of its corners. Points and vectors have z along the
  * ray. */
@@ -58,8 +58,7 @@ typedef struct {
 typedef struct {
     Vector from, direction;
     floatl reached; /* distance from the entry */
-    intl triangle, enters;          /* the ray's triangle, and rays that have just come to it */
-    MeshPrism prism;                /* below the triangle */
+    intl triangle, enters;          /* the ray's triangle; rays that have just come to it */
     floatl depth;                   /* depth at this distance */
     intl active;                    /* rays that are followed */
     intl is_beyond, ends_at_border; /* rays that are beyond a border; rays that end at borders */
@@ -67,8 +66,10 @@ typedef struct {
     intl beside; /* the same side in the neighbouring triangle, or -1, as in `prisms` */
     floatl leg, way, end;                      /* the leg's length, direction (1 or -1), and depth at its end */
     floatl second, third, by_second, by_third; /* corners' weights, and their change per scene unit of the leg */
-    intl is_cut;          /* legs that end within their prisms */
-    floatl cut;           /* greatest change of depth along a leg in this prism, or NEVER */
+    floatl rest;    /* change of depth until the ray leaves its prism */
+    intl leaves_by; /* the side through which it leaves, as `side` */
+    intl is_cut;    /* legs that end within their prisms */
+    floatl cut;     /* greatest change of depth along a leg in this prism, or NEVER */
     floatl pixel_size;    /* scene units at the entry; 0: the finest level is read */
     intl level, tier;     /* level of the map, and tier of the search (search.h) */
     floatl columns, rows; /* the level's columns and rows, for BEND_MAX */
@@ -110,9 +111,8 @@ INLINED MeshPrism prism_of(const Relief *relief, intl triangle, Vector from, Vec
 }
 
 /* Sets a walk's level of the map, from the number of texels that a pixel covers on the first triangle. */
-INLINED void set_level(const Relief *relief, MeshWalk *walk)
+INLINED void set_level(const Relief *relief, MeshWalk *walk, const MeshPrism *p)
 {
-    const MeshPrism *p = &walk->prism;
     const floatl size = walk->pixel_size;
     const Vector second = minus(p->point[1], p->point[0]), third = minus(p->point[2], p->point[0]);
     const floatl E = DOT(second, second), F = DOT(second, third), G = DOT(third, third);
@@ -187,21 +187,18 @@ INLINED floatl becomes_less(floatl a, floatl b, floatl c, intl is_new)
     return select_lanes(ever, x, (floatl)NEVER);
 }
 
-/* Sets `side`, the sides through which rays have come, to the sides through which they leave their prisms. Returns how
- * much depths change until then. */
-INLINED floatl find_side(const SideAreas *sides, floatl depth, intl *side)
+/* Finds where rays leave their prisms: sets `rest` and `leaves_by`. */
+INLINED void find_side(const SideAreas *sides, MeshWalk *walk)
 {
-    const floatl rest = select_lanes(sides->sign > 0.0f, 1.0f - depth, depth); /* to the bottom, or to the mesh */
-    floatl x = max_lanes(rest, (floatl)0.0f);
-    intl out = -1;
+    const floatl depth = walk->depth;
+    walk->rest = max_lanes(select_lanes(sides->sign > 0.0f, 1.0f - depth, depth), (floatl)0.0f); /* to bottom or mesh */
+    walk->leaves_by = -1;
     UNROLLED
     for (int k = 0; k < 3; k++) {
-        const floatl by = becomes_less(sides->area[k], sides->slope[k], sides->bend[k], *side == k);
-        out = select_lanes(by < x, (intl)k, out);
-        x = min_lanes(by, x);
+        const floatl by = becomes_less(sides->area[k], sides->slope[k], sides->bend[k], walk->side == k);
+        walk->leaves_by = select_lanes(by < walk->rest, (intl)k, walk->leaves_by);
+        walk->rest = min_lanes(by, walk->rest);
     }
-    *side = out;
-    return x;
 }
 
 /* The change of an interpolated value if the second and third corner's weights change by these amounts */
@@ -256,14 +253,14 @@ INLINED void go_beyond(const MeshPrism *p, MeshWalk *walk, const SideAreas *side
  * leg where the ray has its mean depth. */
 INLINED floatl set_leg(const MeshPrism *p, const SideAreas *sides, const Crossing *at, MeshWalk *walk)
 {
-    intl out_side = walk->side;
-    const floatl rest = find_side(sides, walk->depth, &out_side);
+    if (any_lane(walk->enters))
+        find_side(sides, walk);
     floatl middle, off_second, off_third;
-    ROLLED
+    UNROLLED
     for (int pass = 0; pass < 2; pass++) { /* the second pass is for legs that the first one cuts */
-        walk->is_cut = rest > walk->cut * SLACK;
-        const floatl x = select_lanes(walk->is_cut, walk->cut, rest);
-        walk->side = select_lanes(walk->is_cut, (intl)-1, out_side);
+        walk->is_cut = walk->rest > walk->cut * SLACK;
+        const floatl x = select_lanes(walk->is_cut, walk->cut, walk->rest);
+        walk->side = select_lanes(walk->is_cut, (intl)-1, walk->leaves_by);
         const Crossing between = crossing_at(p, sides, walk->depth, 0.5f * x, (intl)-1),
                        out = crossing_at(p, sides, walk->depth, x, walk->side);
         const floatl way = out.distance - walk->reached;
@@ -294,14 +291,12 @@ INLINED floatl set_leg(const MeshPrism *p, const SideAreas *sides, const Crossin
  * leg's ends and where the depth is the mean of the ends' depths. */
 static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, ReliefRay *ray)
 {
-    const MeshPrism *p = &walk->prism;
-    if (LANES == 1 || any_lane(walk->enters)) /* GPUs lack registers to keep the prism */
-        walk->prism = prism_of(relief, walk->triangle, walk->from, walk->direction);
+    const MeshPrism p = prism_of(relief, walk->triangle, walk->from, walk->direction);
     if (is_first)
-        set_level(relief, walk);
-    const SideAreas sides = sides_at(p, walk->depth);
-    const Crossing at = crossing_at(p, &sides, walk->depth, (floatl)0.0f, walk->side);
-    const floatl middle = set_leg(p, &sides, &at, walk);
+        set_level(relief, walk, &p);
+    const SideAreas sides = sides_at(&p, walk->depth);
+    const Crossing at = crossing_at(&p, &sides, walk->depth, (floatl)0.0f, walk->side);
+    const floatl middle = set_leg(&p, &sides, &at, walk);
     const floatl deeper = walk->end - walk->depth, per_leg = 1.0f / max_lanes(walk->leg, (floatl)SHORTEST),
                  bend = deeper * (middle - 0.5f) / (middle * (1.0f - middle));
     ray->depth = walk->depth;
@@ -310,12 +305,12 @@ static void begin_leg(const Relief *relief, MeshWalk *walk, int is_first, Relief
     ray->end = walk->leg;
     ray->at_bottom = (walk->side < 0) & (walk->end > 0.5f) & !walk->is_cut;
     if (any_lane(walk->is_beyond))
-        go_beyond(p, walk, &sides, &at, relief->scale, ray);
-    walk->beside = select_lanes(walk->side == 2, p->beside[2], select_lanes(walk->side == 1, p->beside[1], p->beside[0]));
-    ray->u = WRAPPED_UV(CLAMPED_U, p->u[0] + CHANGE_OF(p->u, walk->second, walk->third));
-    ray->v = WRAPPED_UV(CLAMPED_V, p->v[0] + CHANGE_OF(p->v, walk->second, walk->third));
-    ray->du = CHANGE_OF(p->u, walk->by_second, walk->by_third);
-    ray->dv = CHANGE_OF(p->v, walk->by_second, walk->by_third);
+        go_beyond(&p, walk, &sides, &at, relief->scale, ray);
+    walk->beside = select_lanes(walk->side == 2, p.beside[2], select_lanes(walk->side == 1, p.beside[1], p.beside[0]));
+    ray->u = WRAPPED_UV(CLAMPED_U, p.u[0] + CHANGE_OF(p.u, walk->second, walk->third));
+    ray->v = WRAPPED_UV(CLAMPED_V, p.v[0] + CHANGE_OF(p.v, walk->second, walk->third));
+    ray->du = CHANGE_OF(p.u, walk->by_second, walk->by_third);
+    ray->dv = CHANGE_OF(p.v, walk->by_second, walk->by_third);
     ray->level = walk->level;
 }
 
@@ -324,6 +319,7 @@ INLINED void end_leg(MeshWalk *walk)
 {
     const intl passes = walk->side >= 0, crosses = passes & (walk->beside >= 0), triangle = walk->beside / 3;
     walk->reached += walk->way * walk->leg;
+    walk->rest -= fabs(walk->end - walk->depth);
     const intl goes_on = walk->is_cut | (passes & (crosses | !walk->ends_at_border));
     walk->active = walk->active & goes_on & isfinite_lanes(walk->leg + walk->end);
     walk->is_beyond = !crosses & !walk->is_cut;

@@ -50,7 +50,6 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
             const int at = block + k;
             if (!any_lane(walk->active))
                 continue;
-            if (any_lane(s->searches & s->found)) {
             const Vector start = {walk->from.x + walk->reached * walk->direction.x,
                                   walk->from.y + walk->reached * walk->direction.y,
                                   walk->from.z + walk->reached * walk->direction.z};
@@ -59,7 +58,6 @@ static void walk_blocks(const Context *context, int block, MeshWalk *walks, Regi
             const floatl second = walk->second + s->t * walk->by_second, third = walk->third + s->t * walk->by_third;
             layers->foot_second[at] = select_lanes(nearer, second, layers->foot_second[at]);
             layers->foot_third[at] = select_lanes(nearer, third, layers->foot_third[at]);
-            }
             walk->active = walk->active & !(s->searches & s->found);
             walk->tier = s->tier;
             end_leg(walk);
