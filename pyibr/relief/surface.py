@@ -61,7 +61,7 @@ class ReliefSurface(HeightMapped):
         Measure of a ray's depth. "approximate": below the quadric, along the normal where the ray enters (equation 7).
         "exact": below the mesh itself, whose normals turn from corner to corner, so that outlines and depths equal
         those of the displaced mesh at any depth, also on creased and coarse meshes, up to a tenth of a texel; it takes
-        1.4 to 2.4 times as long where the mesh bends or has edges. "perpendicular": the distance to the quadric at
+        1.4 to 2.5 times as long where the mesh bends or has edges. "perpendicular": the distance to the quadric at
         right angles to the ray (equation 6), which exceeds the depth where a ray runs into the surface; only for the
         linear search, because this measure has no bounds.
     search : {"safe", "linear"}
