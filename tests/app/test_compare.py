@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app import cli
 from pyibr.images import metrics
 from tests.app.commands import assert_one_line, places, run, succeeded
 
@@ -165,14 +164,3 @@ def test_mistakes_are_told_in_one_line(pairs: Pairs, words, said):
     ibr.write_color(pairs.folder / "small.png", np.zeros((3, 4, 3), np.uint8))
     ibr.write_color(pairs.folder / "black.png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     assert_one_line(pairs.run(*words), said, progress="Comparing")
-
-
-@pytest.mark.parametrize("example", cli._EXAMPLES["compare"])
-def test_examples_of_the_help_run(pairs: Pairs, example: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(pairs.folder)
-    for name, colors, depths in (("truth", pairs.colors, pairs.depths), ("new", pairs.others, pairs.wrong)):
-        ibr.write_color(f"{name}.png", colors[0])
-        ibr.write_video(f"{name}.mp4", colors, 30)
-        counts = [ibr.uint16_from_depth(depth, 1000) for depth in depths]
-        ibr.write_video("depth.mkv" if name == "truth" else "new_depth.mkv", counts, 30, bits=16)
-    succeeded(run("compare", *example.split()))

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app import cli
 from pyibr.io import read_cameras
 from pyibr.io.depth_frames import DepthFrames
-from tests.app.commands import run, succeeded
+from tests.app.commands import run
 from tests.app.recorded import Recorded
 from tests.core.test_calibrations import same
 from tests.data import shared
@@ -191,10 +190,7 @@ def test_contents_that_a_format_lacks_are_left_out_and_reported(folder: Path, ki
     ("words", "said"),
     [
         (("nothing", "-o", "out.json"), "nothing: no such file or folder"),
-        (
-            ("tri.ply", "--up", "z", "-o", "out.obj"),
-            "--up: expected a .glb, which has an up direction",
-        ),
+        (("tri.ply", "--up", "z", "-o", "out.obj"), "--up: expected a .glb, which has an up direction"),
         (("scan", "-o", "out.mp4"), "--output: expected a folder for a recording, or .json for its cameras"),
         (("scan", "-o", "out.png"), "--output: expected a folder for a recording, or .json for its cameras"),
         (("film.mp4", "-o", "out.png"), "film.mp4 is read as depth), got none"),
@@ -218,21 +214,6 @@ def test_mistakes_are_told_in_one_line(folder: Path, words, said):
     SPECIMENS["scannet"][0](folder / "scan")
     ibr.write_video(folder / "film.mp4", [np.zeros((36, 60, 3), np.uint8)] * 2, 25)
     assert said in convert(folder, *words, status=2)
-
-
-@pytest.mark.parametrize("example", cli._EXAMPLES["convert"])
-def test_examples_of_the_help_run(folder: Path, example: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(folder)
-    (folder / "calibration.yaml").write_text(
-        "image_width: 61\nimage_height: 37\ncamera_matrix: {rows: 3, cols: 3, data: [50, 0, 30, 0, 51, 18, 0, 0, 1]}\n"
-    )
-    SPECIMENS["tum_camera"][0](folder / "rgbd_dataset_freiburg1_desk")
-    counts = ibr.uint16_from_depth(DEPTH, 1000)
-    if "mkv" in example:
-        pytest.importorskip("av", reason="needs PyAV, of the extra video")
-        pytest.importorskip("OpenEXR", reason="needs OpenEXR, of the extra exr")
-        ibr.write_video("depth.mkv", [counts, counts], 30, bits=16)
-    succeeded(run("convert", *example.split()))
 
 
 def test_pictures_and_depth_of_two_places(tmp_path: Path):

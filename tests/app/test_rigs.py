@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.app import cli
 from pyibr.app.batch.work import run_command
 from pyibr.app.view.paths import CameraPath
-from pyibr.capture import models
 from pyibr.capture.rigs import framed
 from pyibr.capture.stereo import depth_range_of
 from tests.app.commands import assert_one_line, run, succeeded
@@ -139,16 +136,3 @@ def test_a_mesh_without_colours_is_lit(tmp_path: Path):
     for number in range(2):
         color = ibr.read_color(tmp_path / f"a_{number:04d}.png")[..., 0]
         assert color.max() > 2 * 0.3 * 200
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("command", ["stereo", "quilt", "orbit"])
-def test_examples_of_help_run(command: str, scene: Scene, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(scene.folder)
-    ibr.write_video("color.mp4", [scene.color] * 2, 25)
-    for number in range(2):
-        ibr.write_depth(f"depth/{number}.png", scene.depth[:36, :60], depth_scale=1000)
-    ring = models.donut(8)
-    ibr.Mesh(ring.vertices, ring.faces).save("dragon.ply")
-    for use in cli._EXAMPLES[command]:
-        succeeded(run(command, *shlex.split(use)))
