@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import cv2
 import numpy as np
 
 import pyibr as ibr
@@ -130,14 +131,26 @@ FILES: dict[str, tuple[str, ibr.Camera]] = {
     "K_normalized.txt": (f"{50 / 61} 0 {31 / 61}\n0 {51 / 37} {18.25 / 37}\n0 0 1\n", FLAT),
 }
 
-AZURE_INTRINSICS = {
-    "ModelType": "CALIBRATION_LensDistortionModelBrownConrady",
-    "ModelParameters": [0.51, 0.52, 0.49, 0.49, 0.55, -0.02, 0, 0.89, 0.09, -0.01, 0, 0, 0, 0],
-}
-AZURE_DEPTH = {"Location": "CALIBRATION_CameraLocationD0", "SensorWidth": 1024, "SensorHeight": 1024}
-AZURE_DEPTH |= {"Intrinsics": AZURE_INTRINSICS, "MetricRadius": 1.74}
-AZURE_DEPTH |= {"Rt": {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}}
-AZURE = {"CalibrationInformation": {"Cameras": [AZURE_DEPTH]}}
+
+def kinect(wide: float = 3 / 4, **changes: Any) -> dict[str, Any]:
+    """An Azure Kinect's calibration file; `wide` is the height of the colour image divided by its width."""
+    k = [0.55, -0.02, -0.003, 0.89, 0.09, -0.014]
+    depth: dict[str, Any] = {"Location": "CALIBRATION_CameraLocationD0", "SensorWidth": 1024, "SensorHeight": 1024}
+    depth |= {"MetricRadius": 1.74, "Intrinsics": {"ModelType": "CALIBRATION_LensDistortionModelBrownConrady"}}
+    depth["Intrinsics"]["ModelParameters"] = [0.513, 0.517, 0.4928, 0.4929, *k, 0, 0, -7e-5, 2e-5]
+    depth["Rt"] = {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}
+    turn = cv2.Rodrigues(np.array([-0.09, 0.001, 0.002]))[0]
+    k = [0.33, -2.49, 1.45, 0.21, -2.3, 1.37]
+    middle, focal = 0.5 + (0.507 - 0.5) * 0.75 / wide, 0.6374 * 0.75 / wide  # cy and fy divided by the image's height
+    color = depth | {"Location": "CALIBRATION_CameraLocationPV0", "SensorWidth": 4096, "MetricRadius": 0}
+    color |= {"SensorHeight": int(4096 * wide), "Intrinsics": dict(depth["Intrinsics"])}
+    color["Intrinsics"]["ModelParameters"] = [0.4998, middle, 0.478, focal, *k, 0, 0, -1e-4, -2e-4]
+    color["Rt"] = {"Rotation": turn.ravel().tolist(), "Translation": [-0.032, -0.002, 0.004]}
+    depth["Intrinsics"] |= changes
+    return {"CalibrationInformation": {"Cameras": [depth, color]}}
+
+
+AZURE = {"CalibrationInformation": {"Cameras": kinect()["CalibrationInformation"]["Cameras"][:1]}}
 
 
 def oak() -> dict[str, Any]:

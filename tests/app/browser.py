@@ -36,14 +36,6 @@ URL.createObjectURL = (blob) => {
 };
 """
 
-# Width and height of a PNG are in its bytes 16 to 24.
-SIZES = """
-async () => Promise.all(window.shown.filter((one) => one.kind === 'image/png').map(async (one) => {
-    const head = new DataView(await one.blob.slice(16, 24).arrayBuffer());
-    return [head.getUint32(0), head.getUint32(4)];
-}))
-"""
-
 READ = """
 async (number) => {
     const bytes = new Uint8Array(await window.shown.at(number).blob.arrayBuffer());
@@ -97,9 +89,10 @@ class Tab:
         """One of the shown pictures, by default the last."""
         return decoded(self.page.evaluate(READ, number))
 
-    def sizes_without_loss(self) -> set[tuple[int, ...]]:
-        """All (width, height) of the PNG pictures that were shown."""
-        return {tuple(size) for size in self.page.evaluate(SIZES)}
+    def shows(self, size: tuple[int, int]) -> bool:
+        """Tell whether a lossless picture of this (width, height) was shown."""
+        lossless = [number for number, kind in enumerate(self.kinds()) if kind == "image/png"]
+        return any(self.picture(number).shape[1::-1] == size for number in lossless)
 
     def drag(self, start: tuple[int, int], end: tuple[int, int], steps: int = 12, pause: float = 0.0) -> None:
         """Move the mouse with its button down."""
@@ -127,7 +120,7 @@ def opened(chrome: Any, url: str, size: tuple[int, int] = (400, 300)) -> Iterato
         # A warning about slow WebGL covers the canvas.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
         # The first picture may be drawn while the canvas still covers the panel's place.
-        until(lambda: size in tab.sizes_without_loss())
+        until(lambda: tab.shows(size))
         # Thumbnails of the sources, which are JPEG, may still arrive.
         stays(tab.kinds)
         page.evaluate("window.shown = window.shown.filter((one) => one.kind === 'image/png')")

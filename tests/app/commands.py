@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from typer.testing import CliRunner, Result
@@ -11,13 +9,13 @@ from typer.testing import CliRunner, Result
 from pyibr.app.cli import app
 
 
-def run(*words: object, **how: Any) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], **how)
-
-
-def places(folder: Path, words: Iterable[object]) -> list[str]:
-    """Replace words that name files in the folder by the files' paths."""
-    return [str(folder / str(word)) if (folder / str(word)).exists() else str(word) for word in words]
+def run(
+    command: str, *words: object, camera: object = None, scale: object = None, output: object = None, **how: Any
+) -> Result:
+    """Run a command with words, and with the options that are not empty."""
+    options = {"--camera": camera, "--depth-scale": scale, "-o": output}
+    given = [part for name, value in options.items() if value for part in (name, value)]
+    return CliRunner().invoke(app, [command, *map(str, given), *map(str, words)], **how)
 
 
 def succeeded(result: Result) -> str:

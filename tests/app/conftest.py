@@ -20,10 +20,17 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Scene:
-    return Scene(tmp_path)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, in which commands run."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture
-def recorded(tmp_path: Path) -> Recorded:
-    return Recorded(tmp_path)
+def scene(folder: Path) -> Scene:
+    return Scene()
+
+
+@pytest.fixture
+def recorded(folder: Path) -> Recorded:
+    return Recorded()

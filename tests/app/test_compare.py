@@ -11,7 +11,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.images import metrics
-from tests.app.commands import assert_one_line, places, run, succeeded
+from tests.app.commands import assert_one_line, run, succeeded
 
 COUNT, HEIGHT, WIDTH = 3, 24, 32
 
@@ -19,8 +19,7 @@ COUNT, HEIGHT, WIDTH = 3, 24, 32
 class Pairs:
     """Files of pictures and depth, and of the same with errors."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self) -> None:
         rng = np.random.default_rng(0)
         self.colors = rng.integers(30, 220, (COUNT, HEIGHT, WIDTH, 3)).astype(np.uint8)
         self.others = (self.colors + rng.integers(-25, 26, self.colors.shape)).astype(np.uint8)
@@ -29,25 +28,28 @@ class Pairs:
         self.wrong = self.depths + np.float32(0.02)
         self.wrong[:, -6:] = np.nan
         for number in range(COUNT):
-            ibr.write_color(folder / f"a/{number}.png", self.colors[number])
-            ibr.write_color(folder / f"b/{number}.png", self.others[number])
-            ibr.write_depth(folder / f"depth/{number}.png", self.depths[number], depth_scale=1000)
-        np.save(folder / "wrong.npy", self.wrong)
+            ibr.write_color(f"a/{number}.png", self.colors[number])
+            ibr.write_color(f"b/{number}.png", self.others[number])
+            ibr.write_depth(f"depth/{number}.png", self.depths[number], depth_scale=1000)
+        np.save("wrong.npy", self.wrong)
         mask = np.zeros((HEIGHT, WIDTH), bool)
         mask[:, 16:] = True
-        ibr.write_mask(folder / "mask.png", mask)
+        ibr.write_mask("mask.png", mask)
         self.mask = mask
 
     def run(self, *words: object):
-        return run("compare", *places(self.folder, words))
+        return run("compare", *words)
 
     def figures(self, *words: object) -> dict[str, Any]:
         return json.loads(succeeded(self.run(*words, "--json")))
 
 
+DEPTHS = ("--depth", "--depth-scale", 1000, "--depth-scale-b", 1)
+
+
 @pytest.fixture
-def pairs(tmp_path: Path) -> Pairs:
-    return Pairs(tmp_path)
+def pairs(folder: Path) -> Pairs:
+    return Pairs()
 
 
 def test_two_pictures(pairs: Pairs):
@@ -64,13 +66,13 @@ def test_two_pictures(pairs: Pairs):
 
 
 def test_folders_and_videos(pairs: Pairs):
-    ibr.write_video(pairs.folder / "b.mkv", pairs.others, 30)
+    ibr.write_video("b.mkv", pairs.others, 30)
     each = [metrics.psnr(a, b) for a, b in zip(pairs.colors, pairs.others, strict=True)]
     for other in ("b", "b.mkv"):
         found = pairs.figures("a", other, "--metrics", "psnr")
         assert found["mean"]["psnr"] == pytest.approx(np.mean(each))
         assert [one["psnr"] for one in found["each"]] == each
-    (pairs.folder / "b/1.png").rename(pairs.folder / "b/7.png")  # files are paired by name
+    Path("b/1.png").rename("b/7.png")  # files are paired by name
     found = pairs.figures("a", "b", "--metrics", "psnr")
     assert [(one["name"], one["psnr"]) for one in found["each"]] == [("0", each[0]), ("2", each[2])]
     assert "2 files without a partner are left out" in pairs.run("a", "b", "--metrics", "psnr").stderr
@@ -86,8 +88,8 @@ def test_what_is_equal_is_null_in_json(pairs: Pairs):
 @pytest.mark.parametrize("truth", ["depth", "depth.mkv"])
 def test_depth(pairs: Pairs, truth: str):
     counts = [ibr.uint16_from_depth(depth, 1000) for depth in pairs.depths]
-    ibr.write_video(pairs.folder / "depth.mkv", counts, 30, bits=16)
-    words = (truth, "wrong.npy", "--depth", "--depth-scale", 1000, "--depth-scale-b", 1)
+    ibr.write_video("depth.mkv", counts, 30, bits=16)
+    words = (truth, "wrong.npy", *DEPTHS)
     found = pairs.figures(*words)["mean"]
     covered = {"covered_a": 7 / 8, "covered_b": 5 / 8, "covered_both": 5 / 8}
     expected = {"rmse": 0.02, "median_error": 0.02, "relative_error": 0.01, **covered}
@@ -97,39 +99,37 @@ def test_depth(pairs: Pairs, truth: str):
 
 
 def test_depth_that_nothing_has_in_common(pairs: Pairs):
-    np.save(pairs.folder / "none.npy", np.full_like(pairs.depths, np.nan))
-    words = ("depth", "none.npy", "--depth", "--depth-scale", 1000, "--depth-scale-b", 1)
-    result = pairs.run(*words, "--json")
+    np.save("none.npy", np.full_like(pairs.depths, np.nan))
+    result = pairs.run("depth", "none.npy", *DEPTHS, "--json")
     assert result.exit_code == 3
     found = json.loads(result.stdout)["mean"]
     assert found["rmse"] is None and found["covered_b"] == 0 and found["covered_a"] == pytest.approx(7 / 8)
 
 
 def test_pictures_of_errors(pairs: Pairs):
-    a, b = pairs.folder / "black.png", pairs.folder / "other.png"
+    a, b = "black.png", "other.png"
     image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     ibr.write_color(a, image)
     image[:, 8:16], image[:, 16:] = 64, 21  # white means errors of a quarter of the peak, red a third of white's
     ibr.write_color(b, image)
-    succeeded(pairs.run(a, b, "--metrics", "psnr", "-o", pairs.folder / "errors.png", "--mask", "mask.png"))
-    errors = ibr.read_color(pairs.folder / "errors.png")
+    succeeded(pairs.run(a, b, "--metrics", "psnr", "-o", "errors.png", "--mask", "mask.png"))
+    errors = ibr.read_color("errors.png")
     assert (errors[:, :16] == (30, 30, 60)).all() and (errors[:, 16:] == (252, 0, 0)).all()
-    pairs.run(a, b, "--metrics", "psnr", "-o", pairs.folder / "errors.png")
-    assert (ibr.read_color(pairs.folder / "errors.png")[:, 8:16] == 255).all()
+    pairs.run(a, b, "--metrics", "psnr", "-o", "errors.png")
+    assert (ibr.read_color("errors.png")[:, 8:16] == 255).all()
 
 
 def test_pictures_of_errors_of_depth(pairs: Pairs):
-    words = ("depth", "wrong.npy", "--depth", "--depth-scale", 1000, "--depth-scale-b", 1)
-    assert pairs.run(*words, "-o", pairs.folder / "errors.mkv").exit_code == 0
-    for errors in ibr.Video(pairs.folder / "errors.mkv"):
+    assert pairs.run("depth", "wrong.npy", *DEPTHS, "-o", "errors.mkv").exit_code == 0
+    for errors in ibr.Video("errors.mkv"):
         assert (errors[:3] == (30, 30, 60)).all() and (errors[-6:] == (60, 60, 160)).all()
         assert (errors[3:-6] == (153, 0, 0)).all()  # errors of 1 % are red here; 5 % would be white
 
 
 def test_figures_in_a_file(pairs: Pairs):
-    out = pairs.folder / "out/figures.json"
-    assert pairs.run("a", "b", "--metrics", "psnr", "-o", out).exit_code == 0
-    assert json.loads(out.read_text())["mean"] == pairs.figures("a", "b", "--metrics", "psnr")["mean"]
+    assert pairs.run("a", "b", "--metrics", "psnr", "-o", "out/figures.json").exit_code == 0
+    told = json.loads(Path("out/figures.json").read_text())
+    assert told["mean"] == pairs.figures("a", "b", "--metrics", "psnr")["mean"]
 
 
 def test_what_is_not_installed_is_left_out_and_told(pairs: Pairs, monkeypatch: pytest.MonkeyPatch):
@@ -161,6 +161,6 @@ def test_what_is_not_installed_is_left_out_and_told(pairs: Pairs, monkeypatch: p
     ],
 )
 def test_mistakes_are_told_in_one_line(pairs: Pairs, words, said):
-    ibr.write_color(pairs.folder / "small.png", np.zeros((3, 4, 3), np.uint8))
-    ibr.write_color(pairs.folder / "black.png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    ibr.write_color("small.png", np.zeros((3, 4, 3), np.uint8))
+    ibr.write_color("black.png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     assert_one_line(pairs.run(*words), said, progress="Comparing")

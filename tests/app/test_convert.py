@@ -24,22 +24,18 @@ DEPTH[:4] = np.nan
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    CAMERA.save(tmp_path / "camera.json")
-    ibr.write_depth(tmp_path / "depth.npy", DEPTH)
-    ibr.write_depth(tmp_path / "counts.png", DEPTH, depth_scale=1000)
-    ibr.Mesh([[0, 0, 1], [1, 0, 1], [0, 2, 1]], [[0, 1, 2]]).save(tmp_path / "tri.ply")
-    np.savez(tmp_path / "three.npz", depth=np.stack([DEPTH, DEPTH + 1, DEPTH + 2]))
-    return tmp_path
+def folder(folder: Path) -> Path:
+    CAMERA.save("camera.json")
+    ibr.write_depth("depth.npy", DEPTH)
+    ibr.write_depth("counts.png", DEPTH, depth_scale=1000)
+    ibr.Mesh([[0, 0, 1], [1, 0, 1], [0, 2, 1]], [[0, 1, 2]]).save("tri.ply")
+    np.savez("three.npz", depth=np.stack([DEPTH, DEPTH + 1, DEPTH + 2]))
+    return folder
 
 
-def convert(folder: Path, *words: object, status: int = 0) -> str:
-    """Run `pyibr convert`; names of files in the folder, and the name after -o, become paths in the folder."""
-    named = [
-        str(folder / str(word)) if (folder / str(word)).exists() or before == "-o" else str(word)
-        for before, word in zip(("", *words), words, strict=False)
-    ]
-    result = run("convert", *named)
+def convert(*words: object, status: int = 0) -> str:
+    """Run `pyibr convert`; return its output or its error."""
+    result = run("convert", *words)
     assert result.exit_code == status and "Traceback" not in result.output, result.output
     return result.output if status == 0 else result.stderr.strip().splitlines()[-1]
 
@@ -48,14 +44,14 @@ def convert(folder: Path, *words: object, status: int = 0) -> str:
 
 
 def test_a_calibration_becomes_json(folder: Path):
-    (folder / "K.txt").write_text("50 0 30\n0 51 18\n0 0 1\n")
-    assert "camera.json: 1 camera, as pyibr" in convert(folder, "K.txt", "--size", 61, 37, "-o", "out/camera.json")
-    assert ibr.Camera.load(folder / "out/camera.json") == CAMERA
+    Path("K.txt").write_text("50 0 30\n0 51 18\n0 0 1\n")
+    assert "camera.json: 1 camera, as pyibr" in convert("K.txt", "--size", 61, 37, "-o", "out/camera.json")
+    assert ibr.Camera.load("out/camera.json") == CAMERA
     one = {"width": 61, "height": 37, "fx": 50, "fy": 51, "cx": 30, "cy": 18}
-    (folder / "rig.json").write_text(json.dumps({"left": one | {"fx": 40}, "right": one}))
-    assert "one.json: 1 camera, as pyibr" in convert(folder, f"{folder}/rig.json#right", "-o", "one.json")
-    assert ibr.Camera.load(folder / "one.json") == CAMERA
-    said = convert(folder, f"{folder}/rig.json#right", "-o", "rig.json", status=2)
+    Path("rig.json").write_text(json.dumps({"left": one | {"fx": 40}, "right": one}))
+    assert "one.json: 1 camera, as pyibr" in convert("rig.json#right", "-o", "one.json")
+    assert ibr.Camera.load("one.json") == CAMERA
+    said = convert("rig.json#right", "-o", "rig.json", status=2)
     assert "--output: expected a file of its own" in said
 
 
@@ -64,16 +60,16 @@ def test_a_calibration_becomes_json(folder: Path):
 )
 def test_cameras_of_a_recording(folder: Path, form, place):
     """The cameras of a recording in ScanNet's layout, one for each picture with its pose, are written in each form."""
-    SPECIMENS["scannet"][0](folder / "scan")
+    SPECIMENS["scannet"][0](Path("scan"))
     words = ("--as", form) if form else ()
-    assert "2 cameras" in convert(folder, "scan", *words, "-o", place)
-    expected = [view.camera for view in ibr.load(folder / "scan")]
-    for camera, other in zip(read_cameras(folder / place).values(), expected, strict=True):
+    assert "2 cameras" in convert("scan", *words, "-o", place)
+    expected = [view.camera for view in ibr.load("scan")]
+    for camera, other in zip(read_cameras(place).values(), expected, strict=True):
         same(camera, other)
     if form in ("colmap", "nerfstudio"):
-        assert list(read_cameras(folder / place)) == ["0.png", "1.png"]
-    convert(folder, place, "-o", "back.json")
-    assert len(json.loads((folder / "back.json").read_text())) == 2
+        assert list(read_cameras(place)) == ["0.png", "1.png"]
+    convert(place, "-o", "back.json")
+    assert len(json.loads(Path("back.json").read_text())) == 2
 
 
 REAL = ["kalibr/euroc_mav", "azure_kinect_raw", "opencv_samples_calib", "realsense_json", "colmap_text"]
@@ -89,8 +85,8 @@ def test_real_calibrations(folder: Path, name: str):
             expected = list(read_cameras(file).values())
         except ibr.Error:
             continue
-        convert(folder, file, "-o", "out.json")
-        assert list(read_cameras(folder / "out.json").values()) == expected
+        convert(file, "-o", "out.json")
+        assert list(read_cameras("out.json").values()) == expected
         made += 1
     assert made
 
@@ -113,22 +109,22 @@ INVERSE = ("depth.npy", "--to-kind", "inverse")
 def test_depth_in_other_formats(folder: Path, words, out: str, how):
     if out.endswith(".exr"):
         pytest.importorskip("OpenEXR", reason="needs OpenEXR, of the extra exr")
-    assert "depth from 1" in convert(folder, *words, "-o", out)
-    np.testing.assert_allclose(ibr.read_depth(folder / out, camera=CAMERA, **how), DEPTH, atol=6e-4)
+    assert "depth from 1" in convert(*words, "-o", out)
+    np.testing.assert_allclose(ibr.read_depth(out, camera=CAMERA, **how), DEPTH, atol=6e-4)
 
 
 def test_frames_become_a_video_and_files(folder: Path):
     pytest.importorskip("av", reason="needs PyAV, of the extra video")
-    assert "3 frames" in convert(folder, "three.npz", "--to-scale", 8000, "-o", "out.mkv", "--fps", 12)
-    frames = DepthFrames(folder / "out.mkv")
+    assert "3 frames" in convert("three.npz", "--to-scale", 8000, "-o", "out.mkv", "--fps", 12)
+    frames = DepthFrames("out.mkv")
     assert frames.fps == 12
     for number, depth in enumerate(frames.read(range(3), depth_scale=8000)):
         np.testing.assert_allclose(depth, DEPTH + number, atol=6.3e-5)
-    convert(folder, "out.mkv", "--depth-scale", 8000, "-o", "files/depth.png")
-    last = ibr.read_depth(folder / "files/depth_0002.png", depth_scale=8000)
+    convert("out.mkv", "--depth-scale", 8000, "-o", "files/depth.png")
+    last = ibr.read_depth("files/depth_0002.png", depth_scale=8000)
     np.testing.assert_allclose(last, DEPTH + 2, atol=6.3e-5)
-    convert(folder, "files", "--depth-scale", 8000, "-o", "again.mkv")
-    for depth, other in zip(DepthFrames(folder / "again.mkv").read(range(3), depth_scale=8000), range(3), strict=True):
+    convert("files", "--depth-scale", 8000, "-o", "again.mkv")
+    for depth, other in zip(DepthFrames("again.mkv").read(range(3), depth_scale=8000), range(3), strict=True):
         np.testing.assert_allclose(depth, DEPTH + other, atol=6.3e-5)
 
 
@@ -137,9 +133,9 @@ def test_frames_become_a_video_and_files(folder: Path):
 
 @pytest.mark.parametrize("name", ["scannet", "replica", "bop", "depth_anything"])
 def test_a_recording_in_a_simple_layout(folder: Path, name: str):
-    SPECIMENS[name][0](folder / "scan")
-    convert(folder, "scan", "-o", "out")
-    for view, other in zip(ibr.load(folder / "out"), ibr.load(folder / "scan"), strict=True):
+    SPECIMENS[name][0](Path("scan"))
+    convert("scan", "-o", "out")
+    for view, other in zip(ibr.load("out"), ibr.load("scan"), strict=True):
         np.testing.assert_array_equal(view.color, other.color)
         np.testing.assert_allclose(view.depth, other.depth, atol=5.1e-4)  # millimetres
         same(view.camera, other.camera)
@@ -152,25 +148,25 @@ UPRIGHT = ibr.Mesh([[0, 0, 1], [1, 0, 1], [0, 2, 1]], [[0, 1, 2]])  # 2 high alo
 def test_meshes_keep_their_up_direction_as_in_trimesh(folder: Path, kind):
     """Both libraries give the same numbers: y is up in glTF, and by custom in other formats."""
     trimesh = pytest.importorskip("trimesh")
-    UPRIGHT.save(folder / f"one.{kind}")
-    assert f"1 triangles; y is up in one.{kind}" in convert(folder, f"one.{kind}", "-o", "one.glb")
-    assert f"; y is up in back.{kind}" in convert(folder, "one.glb", "-o", f"back.{kind}")
-    assert " is up in" not in convert(folder, f"one.{kind}", "-o", f"same.{kind}")
-    trimesh.load_mesh(folder / f"one.{kind}").export(folder / "theirs.glb")
-    assert "1 triangles" in convert(folder, "theirs.glb", "-o", f"theirs.{kind}")
+    UPRIGHT.save(f"one.{kind}")
+    assert f"1 triangles; y is up in one.{kind}" in convert(f"one.{kind}", "-o", "one.glb")
+    assert f"; y is up in back.{kind}" in convert("one.glb", "-o", f"back.{kind}")
+    assert " is up in" not in convert(f"one.{kind}", "-o", f"same.{kind}")
+    trimesh.load_mesh(f"one.{kind}").export("theirs.glb")
+    assert "1 triangles" in convert("theirs.glb", "-o", f"theirs.{kind}")
     for name in (f"one.{kind}", "one.glb", f"back.{kind}", f"same.{kind}", f"theirs.{kind}"):
-        np.testing.assert_array_equal(trimesh.load_mesh(folder / name).vertices, UPRIGHT.vertices)
+        np.testing.assert_array_equal(trimesh.load_mesh(name).vertices, UPRIGHT.vertices)
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
 def test_another_direction_is_up(folder: Path, up):
     """--up names the direction in the file that defines none, whether it is read or written."""
-    UPRIGHT.save(folder / "one.ply")
-    convert(folder, "one.ply", "--up", up, "-o", "one.glb")
+    UPRIGHT.save("one.ply")
+    convert("one.ply", "--up", up, "-o", "one.glb")
     height = UPRIGHT.vertices[:, "xyz".index(up[-1])] * (-1 if up[0] == "-" else 1)
-    np.testing.assert_array_equal(ibr.Mesh.load(folder / "one.glb", axes="gltf").vertices[:, 1], height)
-    convert(folder, "one.glb", "--up", up, "-o", "back.ply")
-    np.testing.assert_array_equal(ibr.Mesh.load(folder / "back.ply").vertices, UPRIGHT.vertices)
+    np.testing.assert_array_equal(ibr.Mesh.load("one.glb", axes="gltf").vertices[:, 1], height)
+    convert("one.glb", "--up", up, "-o", "back.ply")
+    np.testing.assert_array_equal(ibr.Mesh.load("back.ply").vertices, UPRIGHT.vertices)
 
 
 @pytest.mark.parametrize(
@@ -179,10 +175,10 @@ def test_another_direction_is_up(folder: Path, up):
 def test_contents_that_a_format_lacks_are_left_out_and_reported(folder: Path, kind, lost):
     uv, normals = np.zeros((3, 2)), np.tile([0.0, 0.0, 1.0], (3, 1))
     painted = ibr.Mesh(UPRIGHT.vertices, UPRIGHT.faces, uv=uv, normals=normals, texture=np.zeros((2, 2, 3), np.uint8))
-    painted.save(folder / "painted.glb")
-    said = convert(folder, "painted.glb", "-o", f"bare.{kind}")
+    painted.save("painted.glb")
+    said = convert("painted.glb", "-o", f"bare.{kind}")
     assert f"bare.{kind}: left out, as .{kind} cannot hold them: {lost}\n" in said
-    found = ibr.Mesh.load(folder / f"bare.{kind}")
+    found = ibr.Mesh.load(f"bare.{kind}")
     assert found.texture is None and found.uv is None and (found.normals is None) == ("normals" in lost)
 
 
@@ -210,19 +206,18 @@ def test_contents_that_a_format_lacks_are_left_out_and_reported(folder: Path, ki
     ],
 )
 def test_mistakes_are_told_in_one_line(folder: Path, words, said):
-    ibr.Camera(CAMERA.K, SIZE, lens=ibr.Lens("brown_conrady", [0.1, 0, 0, 0])).save(folder / "bent.json")
-    SPECIMENS["scannet"][0](folder / "scan")
-    ibr.write_video(folder / "film.mp4", [np.zeros((36, 60, 3), np.uint8)] * 2, 25)
-    assert said in convert(folder, *words, status=2)
+    ibr.Camera(CAMERA.K, SIZE, lens=ibr.Lens("brown_conrady", [0.1, 0, 0, 0])).save("bent.json")
+    SPECIMENS["scannet"][0](Path("scan"))
+    ibr.write_video("film.mp4", [np.zeros((36, 60, 3), np.uint8)] * 2, 25)
+    assert said in convert(*words, status=2)
 
 
-def test_pictures_and_depth_of_two_places(tmp_path: Path):
-    recorded = Recorded(tmp_path)
+def test_pictures_and_depth_of_two_places(recorded: Recorded):
     words = ("--depth-scale", 1000, "--camera", "camera.json", "--poses", "poses.txt", "--take", "1:")
-    assert "3 frames" in convert(tmp_path, "rgb", "depth", *words, "-o", "out")
-    for view, other in zip(ibr.load(tmp_path / "out"), recorded.views()[1:], strict=True):
+    assert "3 frames" in convert("rgb", "depth", *words, "-o", "out")
+    for view, other in zip(ibr.load("out"), recorded.views()[1:], strict=True):
         np.testing.assert_array_equal(view.color, other.color)
         np.testing.assert_array_equal(view.depth, other.depth)
         np.testing.assert_allclose(view.camera.world_from_camera, other.camera.world_from_camera, atol=1e-12)
-    assert {file.name for file in (tmp_path / "out/color").iterdir()} == {f"{k:06d}.png" for k in (1, 2, 3)}
-    assert "--output: expected a folder" in convert(tmp_path, "rgb", "depth", *words, "-o", "out.json", status=2)
+    assert {file.name for file in Path("out/color").iterdir()} == {f"{k:06d}.png" for k in (1, 2, 3)}
+    assert "--output: expected a folder" in convert("rgb", "depth", *words, "-o", "out.json", status=2)

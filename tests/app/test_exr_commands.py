@@ -19,16 +19,15 @@ LIGHT[4, 5] = 4  # a highlight: one of 91 pixels
 
 
 @pytest.fixture
-def run(tmp_path: Path):
+def run(folder: Path):
     channels = {f"V.Combined.{name}": np.ascontiguousarray(LIGHT[..., k]) for k, name in enumerate("RGB")}
     channels |= {"near.Z": np.full((7, 13), 1, np.float32), "far.Z": np.full((7, 13), 2, np.float32)}
-    exr.File({"compression": exr.ZIP_COMPRESSION}, channels).write(str(tmp_path / "v.exr"))
-    ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], SIZE).save(tmp_path / "c.json")
+    exr.File({"compression": exr.ZIP_COMPRESSION}, channels).write("v.exr")
+    ibr.Camera([[9, 0, 6], [0, 9, 3], [0, 0, 1]], SIZE).save("c.json")
 
     def ran(output: str, *words: str, command: tuple[str, ...] = ("warp", "--move", "0", "0", "0")):
-        files = [tmp_path / name for name in ("v.exr", "v.exr", "c.json", output)]
-        arguments = [*files[:2], "--camera", files[2], "-o", files[3], *command[1:], *words]
-        return commands.run(command[0], *arguments), tmp_path / output
+        name, *options = command
+        return commands.run(name, "v.exr", "v.exr", *options, *words, camera="c.json", output=output), Path(output)
 
     return ran
 
@@ -52,7 +51,7 @@ def test_loaded_recordings_show_light_as_srgb_too(tmp_path: Path):
 
 
 def test_exr_from_exr_is_light_again(run):
-    done, new = run("n.exr", "--depth-channel", "far.Z", "--depth-out", str(Path(run("d.npy")[1])))
+    done, new = run("n.exr", "--depth-channel", "far.Z", "--depth-out", "d.npy")
     assert done.exit_code == 0, done.output
     np.testing.assert_allclose(ibr.read_color(new), np.minimum(LIGHT, 1), atol=1e-6)  # float32 rounds twice
     assert (ibr.read_depth(new.with_name("d.npy")) == 2).all()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 from urllib.request import urlopen
@@ -17,28 +16,27 @@ from pyibr.capture import models
 from pyibr.capture.coverage import surface_of, unseen_share
 from pyibr.capture.frusta import load_frusta, save_frusta
 from pyibr.io import write_relief_map
-from tests.app import commands
-from tests.app.commands import assert_one_line, places, succeeded
+from tests.app.commands import assert_one_line, run, succeeded
 from tests.io.layouts import SPECIMENS
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(folder: Path) -> Path:
     """A folder with meshes, with and without uv, a height map, an image with depth, and a folder of frames."""
-    models.donut(24).save(tmp_path / "donut.glb")
+    models.donut(24).save("donut.glb")
     bare = models.donut(24)
-    ibr.Mesh(bare.vertices, bare.faces).save(tmp_path / "donut.ply")
+    ibr.Mesh(bare.vertices, bare.faces).save("donut.ply")
     rng = np.random.default_rng(0)
-    ibr.write_color(tmp_path / "height.png", rng.integers(0, 255, (8, 8, 3)).astype(np.uint8))
+    ibr.write_color("height.png", rng.integers(0, 255, (8, 8, 3)).astype(np.uint8))
     camera = ibr.Camera([[50, 0, 30], [0, 50, 18], [0, 0, 1]], (61, 37))
-    camera.save(tmp_path / "camera.json")
-    camera.save(tmp_path / "room" / "camera.json")
+    camera.save("camera.json")
+    camera.save("room/camera.json")
     color, depth = rng.integers(0, 255, (37, 61, 3)).astype(np.uint8), np.full((37, 61), 2, np.float32)
     for name in ("color.png", "room/a.color.png", "room/b.color.png"):
-        ibr.write_color(tmp_path / name, color)
+        ibr.write_color(name, color)
     for name in ("depth.npy", "room/a.depth.npy", "room/b.depth.npy"):
-        ibr.write_depth(tmp_path / name, depth)
-    return tmp_path
+        ibr.write_depth(name, depth)
+    return folder
 
 
 @pytest.fixture
@@ -56,13 +54,9 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list:
     return asked
 
 
-def run(folder: Path, *words: object):
-    return commands.run(*places(folder, words))
-
-
 def test_each_kind_of_thing_is_shown(folder, seen):
     def shown(*words: object):
-        assert succeeded(run(folder, "view", *words, "--port", 0)).startswith("http://127.0.0.1:")
+        assert succeeded(run("view", *words, "--port", 0)).startswith("http://127.0.0.1:")
         return seen.pop()
 
     things, start, up, _ = shown("donut.glb")
@@ -73,22 +67,22 @@ def test_each_kind_of_thing_is_shown(folder, seen):
     (photo,), *_ = shown("color.png", "depth.npy", "--fov", 90)
     assert photo.camera == ibr.Camera.from_fov(photo.camera.size, fov_x=90)
     assert shown("room", "--fov", 90)[0][1].camera == photo.camera
-    SPECIMENS["depth_anything"][0](folder / "scan")  # its confidence is 5 everywhere
+    SPECIMENS["depth_anything"][0](Path("scan"))  # its confidence is 5 everywhere
     assert not any(thing.valid.any() for thing in shown("scan", "--min-confidence", 6)[0])
     relative = shown("scan", "--depth-is", "relative", "--near", 2, "--far", 4)[0]
     assert all(np.ptp(thing.depth) == 2 and np.isinf(thing.far) for thing in relative)
     things, start, up, _ = shown("room", "--start", "camera.json")
     assert [type(thing) for thing in things] == [ibr.DepthImage] * 2
-    assert start == ibr.Camera.load(folder / "camera.json")
+    assert start == ibr.Camera.load("camera.json")
     things = shown("color.png", "depth.npy", "--camera", "camera.json", "--far", "9", "donut.ply")[0]
     assert [type(thing) for thing in things] == [ibr.DepthImage, ibr.Mesh] and things[0].far == 9
     with_noise = shown("color.png", "depth.npy", "--camera", "camera.json", "--clean")[0]
     assert [type(thing) for thing in with_noise] == [ibr.DepthImage]
     told = shown("color.png", "depth.npy", "room", "--camera", "camera.json", "--noise", 2, "--baseline", 0.1)[0]
-    noise = (ibr.disparity_noise(2, ibr.Camera.load(folder / "camera.json").K[0, 0], 0.1), 0, 0)
+    noise = (ibr.disparity_noise(2, ibr.Camera.load("camera.json").K[0, 0], 0.1), 0, 0)
     assert [thing.noise for thing in told] == [noise] * 3
-    ibr.write_video(folder / "color.mkv", np.full((3, 37, 61, 3), 90, np.uint8), 30)
-    ibr.write_video(folder / "depth.mkv", np.full((3, 37, 61), 1500, np.uint16), 30, bits=16)
+    ibr.write_video("color.mkv", np.full((3, 37, 61, 3), 90, np.uint8), 30)
+    ibr.write_video("depth.mkv", np.full((3, 37, 61), 1500, np.uint16), 30, bits=16)
     (first,), *_ = shown("color.mkv", "depth.mkv", "--depth-scale", 1000, "--fov", 60)  # frames without poses
     assert (first.color == 90).all() and (first.depth == 1.5).all()
     halves = [things[0], *shown("room", "--depth-kind", "inverse")[0]]
@@ -109,13 +103,13 @@ def test_heights_of_a_relief_map_are_its_alpha(folder, seen):
     normals, heights = rng.normal(0, 0.2, (8, 8, 3)) + np.array([0, 0, 1]), rng.integers(0, 256, (8, 8), dtype=np.uint8)
     own = rng.integers(0, 256, (4, 4, 3), dtype=np.uint8)
     mesh = models.donut(24)
-    ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv, texture=own).save(folder / "painted.glb")
-    write_relief_map(folder / "relief.png", normals, heights)
-    write_relief_map(folder / "opaque.png", normals, np.full((8, 8), 255, np.uint8))
-    Image.fromarray(np.dstack([heights] * 3 + [255 - heights])).save(folder / "gray.png")
-    red = ibr.read_color(folder / "opaque.png")[..., 0]
+    ibr.Mesh(mesh.vertices, mesh.faces, uv=mesh.uv, texture=own).save("painted.glb")
+    write_relief_map("relief.png", normals, heights)
+    write_relief_map("opaque.png", normals, np.full((8, 8), 255, np.uint8))
+    Image.fromarray(np.dstack([heights] * 3 + [255 - heights])).save("gray.png")
+    red = ibr.read_color("opaque.png")[..., 0]
     for name, expected in (("relief.png", heights), ("opaque.png", red), ("gray.png", heights)):
-        succeeded(run(folder, "view", "painted.glb", "--height", name, "--scale", "0.1", "--port", 0))
+        succeeded(run("view", "painted.glb", "--height", name, "--scale", "0.1", "--port", 0))
         for thing in seen.pop()[0].values():
             np.testing.assert_allclose(thing.height, expected / 255, atol=1e-6)
             np.testing.assert_array_equal(thing.color, own)
@@ -133,30 +127,30 @@ def test_what_is_wrong_is_said_in_one_line(folder):
         (("donut.glb", "--scale", "0.1"), ("--scale", "--height")),
         (("donut.glb", "--port", "70000"), ("port", "65535")),
     ):
-        assert_one_line(run(folder, "view", *words), *said)
-    assert_one_line(run(folder, "place", "donut.ply", "--no-page"), "--output")
-    assert_one_line(run(folder, "place", "donut.ply", "--frusta", "camera.json", "--port", "0"), "camera.json", "views")
+        assert_one_line(run("view", *words), *said)
+    assert_one_line(run("place", "donut.ply", "--no-page"), "--output")
+    assert_one_line(run("place", "donut.ply", "--frusta", "camera.json", "--port", "0"), "camera.json", "views")
 
 
 def test_without_viser_the_package_is_named(folder, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    assert_one_line(run(folder, "view", "donut.ply"), "viser", "pip install 'pyibr-opencl[view]'")
+    assert_one_line(run("view", "donut.ply"), "viser", "pip install 'pyibr-opencl[view]'")
 
 
 def test_a_set_is_proposed_and_saved_without_a_page(folder, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(surface_of.__kwdefaults__, "count", 4000)  # a tenth of the points
-    words = ("--auto", 3, "--size", 64, "--no-page", "-o", str(folder / "set"))
-    out = succeeded(run(folder, "place", "donut.ply", *words))
-    frusta, about = load_frusta(folder / "set")
-    assert about == {"side": "front"} and len(frusta) == len(ibr.load(folder / "set")) == 3
-    mesh = ibr.Mesh.load(folder / "donut.ply")
+    words = ("--auto", 3, "--size", 64, "--no-page", "-o", "set")
+    out = succeeded(run("place", "donut.ply", *words))
+    frusta, about = load_frusta("set")
+    assert about == {"side": "front"} and len(frusta) == len(ibr.load("set")) == 3
+    mesh = ibr.Mesh.load("donut.ply")
     surface = surface_of(mesh)
     share = unseen_share(surface, [surface.seen(one.capture(mesh)) for one in frusta])
     assert f"set: 3 frusta, {share:.1%} of the surface unseen" in out
-    save_frusta(folder / "two.json", frusta[:2], side="both")
-    more = ("--frusta", "two.json", "--auto", 1, "--size", 32, "--no-page", "-o", str(folder / "more"))
-    succeeded(run(folder, "place", "donut.ply", *more))
-    again, about = load_frusta(folder / "more")
+    save_frusta("two.json", frusta[:2], side="both")
+    more = ("--frusta", "two.json", "--auto", 1, "--size", 32, "--no-page", "-o", "more")
+    succeeded(run("place", "donut.ply", *more))
+    again, about = load_frusta("more")
     assert about == {"side": "both"} and again[:2] == [one.resized(32) for one in frusta[:2]]
     assert len(again) == 3
 
@@ -165,28 +159,19 @@ def test_a_set_is_proposed_and_saved_without_a_page(folder, monkeypatch: pytest.
 def test_a_part_is_covered_and_the_set_says_which(folder):
     words = ("--auto", 2, "--size", 32, "--no-page", "-o")
     box = (-2.0, -2.0, 2.0, 0.0, 2.0, -2.0)  # two corners, in any order
-    out = succeeded(run(folder, "place", "donut.ply", *words, str(folder / "half"), "--within", *box))
-    frusta, about = load_frusta(folder / "half")
+    out = succeeded(run("place", "donut.ply", *words, "half", "--within", *box))
+    frusta, about = load_frusta("half")
     assert about == {"side": "front", "within": [[-2.0, -2.0, -2.0], [0.0, 2.0, 2.0]]}
-    mesh = ibr.Mesh.load(folder / "donut.ply")
+    mesh = ibr.Mesh.load("donut.ply")
     surface = surface_of(mesh, within=about["within"])
     share = unseen_share(surface, [surface.seen(one.capture(mesh)) for one in frusta])
     assert f"half: 2 frusta, {share:.1%} of the surface unseen" in out
-    succeeded(run(folder, "place", "donut.ply", "--frusta", str(folder / "half"), *words, str(folder / "more")))
-    assert load_frusta(folder / "more")[1] == about
-    result = run(folder, "place", "donut.ply", *words, str(folder / "no"), "--within", 5, 5, 5, 6, 6, 6)
+    succeeded(run("place", "donut.ply", "--frusta", "half", *words, "more"))
+    assert load_frusta("more")[1] == about
+    result = run("place", "donut.ply", *words, "no", "--within", 5, 5, 5, 6, 6, 6)
     assert_one_line(result, "within", "some of the surface")
-    with ibr.place(mesh, folder / "half", size=32, port=0) as pages:
+    with ibr.place(mesh, "half", size=32, port=0) as pages:
         assert pages.closed is False
-
-
-def test_importing_the_library_loads_no_page():
-    code = "import pyibr, sys; print(sorted(name for name in sys.modules if name.startswith(('viser', 'pyibr.app'))))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
-    code = "import pyibr as ibr, pyibr.app.view.page; print(ibr.view, ibr.place, ibr.load)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert [word for word in done.stdout.split() if word in ("view", "place", "load")] == ["view", "place", "load"]
 
 
 def test_in_a_notebook_pages_show_themselves():

@@ -14,7 +14,6 @@ import pytest
 import pyibr as ibr
 from pyibr.io.depth_frames import DepthFrames
 from pyibr.io.video import Video
-from pyibr.io.video_writing import VideoWriter
 from tests.app.browser import until
 from tests.app.commands import assert_one_line, run, succeeded
 from tests.app.recorded import COUNT, SCALE, SIZE, Recorded
@@ -27,10 +26,10 @@ from tools.processes import with_path
 @pytest.mark.parametrize("blend", ["quality", "nearest"])
 @pytest.mark.parametrize("kind", ["each", "list", "folder", "poses"])
 def test_pairs_become_one_view(recorded: Recorded, blend, kind):
-    listed = [json.loads((recorded.folder / f"cameras/{number}.json").read_text()) for number in (0, 3)]
-    (recorded.folder / "list.json").write_text(json.dumps(listed))
-    text = (recorded.folder / "poses.txt").read_text().splitlines()
-    (recorded.folder / "two.txt").write_text("\n".join([text[0], text[3]]))
+    listed = [json.loads(Path(f"cameras/{number}.json").read_text()) for number in (0, 3)]
+    Path("list.json").write_text(json.dumps(listed))
+    text = Path("poses.txt").read_text().splitlines()
+    Path("two.txt").write_text("\n".join([text[0], text[3]]))
     asked = {"list": ("--camera", "list.json"), "folder": ("--camera", "cameras")}
     asked["each"] = ("--camera", "cameras/0.json", "--camera", "cameras/3.json")
     asked["poses"] = ("--camera", "camera.json", "--poses", "two.txt")
@@ -50,7 +49,7 @@ def test_all_frames_of_a_recording_together(recorded: Recorded):
     views = recorded.views()[1::2]
     pivot = views[0].camera.center + views[0].camera.forward * np.median(views[0].depth[views[0].valid])
     recorded.shows(ibr.warp(views, views[0].camera.orbited(2.5, pivot)), 1)
-    assert "new_0002.png: 3 views" in out and not (recorded.folder / "new_0003.png").exists()
+    assert "new_0002.png: 3 views" in out and not Path("new_0003.png").exists()
 
 
 # ---- frame by frame
@@ -58,30 +57,30 @@ def test_all_frames_of_a_recording_together(recorded: Recorded):
 
 @pytest.mark.parametrize("cameras", [("--camera", "cameras"), ("--camera", "camera.json", "--poses", "poses.txt")])
 def test_a_recording_gives_a_view_for_each_frame(recorded: Recorded, cameras):
-    asked = (*cameras, "--move", 0.1, 0, 0.2, "--fill", "background", "--depth-out", recorded.folder / "z.npy")
-    out = succeeded(recorded.run("rgb", "depth", *asked, "--valid-out", recorded.folder / "v.png", camera=None))
+    asked = (*cameras, "--move", 0.1, 0, 0.2, "--fill", "background", "--depth-out", "z.npy")
+    out = succeeded(recorded.run("rgb", "depth", *asked, "--valid-out", "v.png", camera=None))
     for number, view in enumerate(recorded.views()):
         expected = ibr.warp(view, view.camera.moved(0.1, 0, 0.2), fill="background")
         recorded.shows(expected, number)
-        stored = ibr.read_depth(recorded.folder / f"z_{number:04d}.npy", depth_scale=SCALE)
+        stored = ibr.read_depth(f"z_{number:04d}.npy", depth_scale=SCALE)
         np.testing.assert_allclose(stored, expected.depth, rtol=1e-6)
-        valid = ibr.read_color(recorded.folder / f"v_{number:04d}.png")[..., 0] == 255
+        valid = ibr.read_color(f"v_{number:04d}.png")[..., 0] == 255
         np.testing.assert_array_equal(valid, expected.valid)
-    assert f"new_0000.png to {recorded.folder}/new_0003.png: 4 views, 62x38" in out.replace("\n", "")
-    assert not (recorded.folder / "new_0004.png").exists()
+    assert "new_0000.png to new_0003.png: 4 views, 62x38" in out.replace("\n", "")
+    assert not Path("new_0004.png").exists()
 
 
 def test_a_recording_without_a_camera_gets_one_that_is_told(recorded: Recorded):
     """`warp`, `view` and the library take a given field of view, even if the folder has another camera."""
     wide = ibr.Camera.from_fov(SIZE, fov_x=90)
     succeeded(recorded.run("rgb", "depth", "--fov", 90, "--poses", "poses.txt", "--move", 0.1, 0, 0, camera=None))
-    succeeded(recorded.run(recorded.folder, "--fov", 90, "--move", 0.1, 0, 0, camera=None, output="folder.png"))
+    succeeded(recorded.run(".", "--fov", 90, "--move", 0.1, 0, 0, camera=None, output="folder.png"))
     for number, view in enumerate(recorded.views()):
         own = ibr.Camera(wide.K, SIZE, view.camera.world_from_camera)
         expected = ibr.warp(ibr.DepthImage(view.color, view.depth, own), own.moved(0.1, 0, 0)).color
         np.testing.assert_array_equal(recorded.new(number), expected)
-        np.testing.assert_array_equal(ibr.read_color(recorded.folder / f"folder_{number:04d}.png"), expected)
-        assert ibr.load(recorded.folder, depth_scale=SCALE, camera=wide)[number].camera == own
+        np.testing.assert_array_equal(ibr.read_color(f"folder_{number:04d}.png"), expected)
+        assert ibr.load(".", depth_scale=SCALE, camera=wide)[number].camera == own
     pairs = [f"{kind}/{k}.png" for k in (0, 1) for kind in ("rgb", "depth")]
     result = recorded.run(*pairs, "--fov", 90, "--move", 0, 0, 0, camera=None)
     assert_one_line(result, "--fov, --focal-35mm: expected a single picture, or a recording, got 2 pictures")
@@ -91,14 +90,14 @@ def test_a_recording_without_a_camera_gets_one_that_is_told(recorded: Recorded):
 def test_a_folder_that_has_all(recorded: Recorded, kind):
     """The command and the library find the cameras and poses in a folder."""
     if kind != "camera.json":
-        (recorded.folder / "camera.json").unlink()
+        Path("camera.json").unlink()
     if kind == "intrinsics.K.txt":
-        np.savetxt(recorded.folder / kind, recorded.base.K)
+        np.savetxt(kind, recorded.base.K)
     if kind == "frame by frame":
-        (recorded.folder / "cameras").rename(recorded.folder / "camera")
-        (recorded.folder / "poses.txt").unlink()
-    succeeded(recorded.run(recorded.folder, "--move", 0.1, 0, 0.2, camera=None))
-    loaded = ibr.load(recorded.folder, depth_scale=SCALE)
+        Path("cameras").rename("camera")
+        Path("poses.txt").unlink()
+    succeeded(recorded.run(".", "--move", 0.1, 0, 0.2, camera=None))
+    loaded = ibr.load(".", depth_scale=SCALE)
     for number, (view, own) in enumerate(zip(recorded.views(), loaded, strict=True)):
         recorded.shows(ibr.warp(view, view.camera.moved(0.1, 0, 0.2)), number)
         np.testing.assert_array_equal(own.color, view.color)
@@ -134,7 +133,7 @@ def test_recordings_of_several_cameras_go_frame_by_frame(recorded: Recorded):
 
 
 def test_clean_is_steady_and_carried_along(recorded: Recorded):
-    asked = ("--poses", "poses.txt", "--clean", "--move", 0, 0, 0.1, "--depth-out", recorded.folder / "z.npy")
+    asked = ("--poses", "poses.txt", "--clean", "--move", 0, 0, 0.1, "--depth-out", "z.npy")
     succeeded(recorded.run("rgb", "depth", *asked))
     last = None
     for number, view in enumerate(recorded.views()):
@@ -150,7 +149,7 @@ def test_clean_is_steady_and_carried_along(recorded: Recorded):
 
 def test_depth_of_another_camera_is_registered(recorded: Recorded):
     beside = ibr.Camera([[45, 0, 29], [0, 45, 19], [0, 0, 1]], SIZE).moved(0.05, 0.01, 0)
-    beside.save(recorded.folder / "beside.json")
+    beside.save("beside.json")
     asked = ("--depth-camera", "beside.json", "--poses", "poses.txt", "--to", "cameras/2.json")
     succeeded(recorded.run("rgb", "depth", *asked))
     for number, view in enumerate(recorded.views()):
@@ -168,17 +167,15 @@ def test_depth_of_another_camera_is_registered(recorded: Recorded):
 
 
 def test_a_video_and_a_folder_of_depth_become_a_video(recorded: Recorded):
-    with VideoWriter(recorded.folder / "color.mkv", 12) as video:
-        for color in recorded.colors:
-            video.add(color)
+    ibr.write_video("color.mkv", recorded.colors, 12)
     out = succeeded(recorded.run("color.mkv", "depth", "--poses", "poses.txt", "--move", 0.1, 0, 0, output="n.mkv"))
-    made = Video(recorded.folder / "n.mkv")
+    made = Video("n.mkv")
     assert "n.mkv: 4 views, 62x38" in out and made.fps == 12
     for view, color in zip(recorded.views(), made.frames(range(COUNT)), strict=True):
         np.testing.assert_array_equal(color, ibr.warp(view, view.camera.moved(0.1, 0, 0)).color)
     asked = ("--take", "1:4:2", "--fps", 5, "--move", 0, 0, 0)
     succeeded(recorded.run("color.mkv", "depth", *asked, output="few.mkv"))
-    made = Video(recorded.folder / "few.mkv")
+    made = Video("few.mkv")
     assert len(made) == 2 and made.fps == 5
     view = recorded.views()[3]
     frame = ibr.warp(ibr.DepthImage(view.color, view.depth, recorded.base), recorded.base)
@@ -190,53 +187,51 @@ def test_a_video_and_a_folder_of_depth_become_a_video(recorded: Recorded):
 def test_depth_of_all_frames_in_one_file(recorded: Recorded, color, depth):
     """Views equal views from single files. Depth that is drawn or registered is written as a video."""
     stored = np.stack([ibr.uint16_from_depth(one, SCALE) for one in recorded.depths])
-    path = recorded.folder / depth
     if depth == "depth.mkv":
-        ibr.write_video(path, stored, 30, bits=16)
+        ibr.write_video(depth, stored, 30, bits=16)
     else:
-        (np.save if depth.endswith("npy") else np.savez_compressed)(path, stored)
-    ibr.write_video(recorded.folder / "color.mkv", recorded.colors, 30)
-    out = recorded.folder / "out.mkv"
-    succeeded(recorded.run(color, depth, "--take", "1:", "--move", 0.1, 0, 0, "--depth-out", out))
-    depths = list(DepthFrames(out).read(range(3), depth_scale=SCALE))
+        (np.save if depth.endswith("npy") else np.savez_compressed)(depth, stored)
+    ibr.write_video("color.mkv", recorded.colors, 30)
+    succeeded(recorded.run(color, depth, "--take", "1:", "--move", 0.1, 0, 0, "--depth-out", "out.mkv"))
+    depths = list(DepthFrames("out.mkv").read(range(3), depth_scale=SCALE))
     views = [ibr.DepthImage(view.color, view.depth, recorded.base) for view in recorded.views()]
     for number, view in enumerate(views[1:], 1):
         frame = ibr.warp(view, recorded.base.moved(0.1, 0, 0))
         recorded.shows(frame, number)
         np.testing.assert_allclose(depths[number - 1], np.where(frame.valid, frame.depth, np.nan), atol=0.51 / SCALE)
-    camera = ("--depth-camera", recorded.folder / "camera.json", "--color-camera", recorded.folder / "camera.json")
-    words = ("register", path, *camera, "--depth-scale", SCALE, "--take", "2:", "-o", out)
-    succeeded(run(*words))
+    camera = ("--depth-camera", "camera.json", "--color-camera", "camera.json")
+    succeeded(run("register", depth, *camera, "--take", "2:", scale=SCALE, output="out.mkv"))
     registered = ibr.register(views[3].depth, recorded.base, recorded.base)
-    np.testing.assert_allclose(next(DepthFrames(out).read([1], depth_scale=SCALE)), registered, atol=0.51 / SCALE)
+    (found,) = DepthFrames("out.mkv").read([1], depth_scale=SCALE)
+    np.testing.assert_allclose(found, registered, atol=0.51 / SCALE)
 
 
 def test_a_path_becomes_a_video(recorded: Recorded):
     succeeded(recorded.run("rgb/0.png", "depth/0.png", "--orbit", 10, "--frames", 5, output="path.mp4"))
-    made = Video(recorded.folder / "path.mp4")
+    made = Video("path.mp4")
     assert len(made) == 5 and made.fps == 30
 
 
 def test_frames_keep_their_numbers(recorded: Recorded):
     """Outputs are numbered like the frames' files; with --skip-existing, existing outputs stay unchanged."""
     for kind, number in (("rgb", 3), ("depth", 3)):
-        (recorded.folder / f"{kind}/{number}.png").rename(recorded.folder / f"{kind}/17.png")
-    (recorded.folder / "pose").mkdir()
+        Path(f"{kind}/{number}.png").rename(f"{kind}/17.png")
+    Path("pose").mkdir()
     for number in (0, 1, 2, 17):
         pose = np.full((4, 4), -np.inf) if number == 2 else np.eye(4)
-        np.savetxt(recorded.folder / f"pose/{number}.txt", pose)
+        np.savetxt(f"pose/{number}.txt", pose)
     result = recorded.run("rgb", "depth", "--poses", "pose", "--take", "1:", "--move", 0, 0, 0)
     assert "2 views" in succeeded(result) and "1 picture of" in result.stderr and "no usable pose" in result.stderr
-    assert sorted(path.name for path in recorded.folder.glob("new*")) == ["new_0001.png", "new_0017.png"]
+    assert sorted(path.name for path in Path().glob("new*")) == ["new_0001.png", "new_0017.png"]
     for number, color in ((1, recorded.colors[1]), (17, recorded.colors[3])):
         seen = recorded.new(number).any(axis=2)
         assert seen.mean() > 0.8
         np.testing.assert_array_equal(recorded.new(number)[seen], color[seen])
-    (recorded.folder / "new_0001.png").write_bytes(b"mine")
-    (recorded.folder / "new_0017.png").unlink()
+    Path("new_0001.png").write_bytes(b"mine")
+    Path("new_0017.png").unlink()
     asked = ("--poses", "pose", "--move", 0, 0, 0, "--skip-existing")
     assert "2 views" in succeeded(recorded.run("rgb", "depth", *asked))
-    assert (recorded.folder / "new_0001.png").read_bytes() == b"mine" and recorded.new(17).any()
+    assert Path("new_0001.png").read_bytes() == b"mine" and recorded.new(17).any()
     assert "all files exist already" in succeeded(recorded.run("rgb", "depth", *asked))
 
 
@@ -284,16 +279,16 @@ def test_a_real_colmap_workspace_needs_no_camera_file(tmp_path: Path):
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM")
 def test_a_film_that_is_ended_keeps_its_frames(recorded: Recorded):
     """SIGTERM ends a command as Ctrl-C does: the frames so far are a valid film, and no temporary files remain."""
-    (recorded.folder / "temporary").mkdir()
+    Path("temporary").mkdir()
     words = ["warp", "rgb/0.png", "depth/0.png", "--depth-scale", str(SCALE), "--camera", "camera.json"]
     words += ["--orbit", "10", "--frames", "100000", "-o", "long.mp4"]
-    environment = with_path() | {"TMPDIR": str(recorded.folder / "temporary")}
-    command = subprocess.Popen([sys.executable, "-m", "pyibr", *words], cwd=recorded.folder, env=environment)
+    environment = with_path() | {"TMPDIR": str(Path("temporary").absolute())}
+    command = subprocess.Popen([sys.executable, "-m", "pyibr", *words], env=environment)
     try:
-        until(lambda: any(file.stat().st_size > 10_000 for file in recorded.folder.glob(".pyibr-*")))
+        until(lambda: any(file.stat().st_size > 10_000 for file in Path().glob(".pyibr-*")))
         command.send_signal(signal.SIGTERM)
         assert command.wait(60) == 143
     finally:
         command.kill()
-    assert len(Video(recorded.folder / "long.mp4")) > 10
-    assert not [*recorded.folder.glob(".pyibr-*"), *(recorded.folder / "temporary").iterdir()]
+    assert len(Video("long.mp4")) > 10
+    assert not [*Path().glob(".pyibr-*"), *Path("temporary").iterdir()]

@@ -13,8 +13,7 @@ import pyibr as ibr
 from pyibr.app.commands.cameras import depth_camera_in
 from pyibr.io.recordings import PLAIN
 from pyibr.io.video import Video
-from pyibr.io.video_writing import VideoWriter
-from tests.app.commands import assert_one_line, places, run, succeeded
+from tests.app.commands import assert_one_line, run, succeeded
 from tests.app.recorded import COUNT, SCALE, SIZE, Recorded
 
 COLORS = ibr.Camera([[60, 0, 34], [0, 60, 22], [0, 0, 1]], (72, 44)).moved(0.05, 0.01, 0)
@@ -23,27 +22,27 @@ COLORS = ibr.Camera([[60, 0, 34], [0, 60, 22], [0, 0, 1]], (72, 44)).moved(0.05,
 class Pair(Recorded):
     """A recording whose pictures come from a second camera, of another size, beside the depth camera."""
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        (self.folder / "poses.txt").rename(self.folder / "path.txt")  # not found as a trajectory
-        COLORS.save(folder / "colors.json")
+    def __init__(self) -> None:
+        super().__init__()
+        Path("poses.txt").rename("path.txt")  # not found as a trajectory
+        COLORS.save("colors.json")
         rng = np.random.default_rng(1)
         self.pictures = [rng.integers(0, 256, (44, 72, 3), dtype=np.uint8) for _ in range(COUNT)]
         for number, picture in enumerate(self.pictures):
-            ibr.write_color(folder / f"rgb/{number}.png", picture)
+            ibr.write_color(f"rgb/{number}.png", picture)
 
-    def register(self, *words: object, output: str = "new.png", color_camera: str = "colors.json"):
-        cameras = ["--depth-camera", f"{self.folder}/camera.json", "--color-camera", f"{self.folder}/{color_camera}"]
-        ends = ["--depth-scale", str(SCALE), "-o", str(self.folder / output)]
-        return run("register", *places(self.folder, words), *cameras, *ends)
+    def register(self, *words: object, depth: str = "camera.json", color: str = "colors.json", output: str = "new.png"):
+        """Run `pyibr register` with files of the two cameras."""
+        cameras = ["--depth-camera", depth, "--color-camera", color]
+        return run("register", *words, *cameras, scale=SCALE, output=output)
 
     def stored(self, depth: np.ndarray) -> np.ndarray:
         return ibr.depth_from_uint16(ibr.uint16_from_depth(depth, SCALE), SCALE)
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> Pair:
-    return Pair(tmp_path)
+def pair(folder: Path) -> Pair:
+    return Pair()
 
 
 def test_of_several_cameras_that_of_the_depths_size_is_taken(tmp_path: Path):
@@ -58,42 +57,40 @@ def test_of_several_cameras_that_of_the_depths_size_is_taken(tmp_path: Path):
 assert_refused = partial(assert_one_line, progress="Registering")
 
 
-@pytest.mark.parametrize("folder", ["depth", "."])
-def test_each_frame_of_depth_is_registered(pair: Pair, folder):
+@pytest.mark.parametrize("place", ["depth", "."])
+def test_each_frame_of_depth_is_registered(pair: Pair, place):
     """Depth comes from a folder of depth, or from a folder with pictures and depth."""
-    out = succeeded(pair.register(pair.folder / folder))
+    out = succeeded(pair.register(place))
     expected = [ibr.register(pair.depth(number), pair.base, COLORS) for number in range(COUNT)]
     for number, depth in enumerate(expected):
-        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", depth_scale=SCALE)
+        made = ibr.read_depth(f"new_{number:04d}.png", depth_scale=SCALE)
         np.testing.assert_array_equal(made, pair.stored(depth))
     share = np.mean([np.isfinite(depth).mean() for depth in expected])
     assert f"new_0003.png: 4 frames, 72x44, {share:.1%} covered" in out
-    assert not (pair.folder / "new_0004.png").exists()
+    assert not Path("new_0004.png").exists()
     succeeded(pair.register("depth", "--take", "0:1", "--far", 1.5))
     near = np.where(pair.depth(0) < 1.5, pair.depth(0), np.float32(np.nan))
-    made = ibr.read_depth(pair.folder / "new_0000.png", depth_scale=SCALE)
+    made = ibr.read_depth("new_0000.png", depth_scale=SCALE)
     np.testing.assert_array_equal(made, pair.stored(ibr.register(near, pair.base, COLORS)))
 
 
 @pytest.mark.parametrize("words", [("depth", "--color", "rgb"), (".", "--color", "."), ("depth", "--color", "c.mkv")])
 def test_each_frame_gets_its_colours(pair: Pair, words):
     """Colours come from a folder of pictures, a folder with pictures and depth, or a video."""
-    with VideoWriter(pair.folder / "c.mkv", 12) as video:
-        for picture in pair.pictures:
-            video.add(picture)
-    out = succeeded(pair.register(*words, "--seen-out", pair.folder / "seen.png", "--take", "1:"))
+    ibr.write_video("c.mkv", pair.pictures, 12)
+    out = succeeded(pair.register(*words, "--seen-out", "seen.png", "--take", "1:"))
     assert "3 frames, 62x38" in out
     for number in range(1, COUNT):
         found = ibr.register_color(pair.depth(number), pair.base, COLORS, pair.pictures[number])
-        made = ibr.read_color(pair.folder / f"new_{number:04d}.png")
+        made = ibr.read_color(f"new_{number:04d}.png")
         np.testing.assert_array_equal(made, found.color)
-        seen = ibr.read_color(pair.folder / f"seen_{number:04d}.png")[..., 0] == 255
+        seen = ibr.read_color(f"seen_{number:04d}.png")[..., 0] == 255
         np.testing.assert_array_equal(seen, found.seen)
 
 
 def test_colours_become_a_video(pair: Pair):
     succeeded(pair.register("depth", "--color", "rgb", output="new.mkv"))
-    made = Video(pair.folder / "new.mkv")
+    made = Video("new.mkv")
     for number, color in enumerate(made.frames(range(COUNT))):
         found = ibr.register_color(pair.depth(number), pair.base, COLORS, pair.pictures[number])
         np.testing.assert_array_equal(color, found.color)
@@ -104,19 +101,19 @@ def test_cleaning_knows_the_last_frame(pair: Pair):
     last = None
     for number in range(COUNT):
         last = ibr.clean_depth(pair.depth(number), before=last).depth
-        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", depth_scale=SCALE)
+        made = ibr.read_depth(f"new_{number:04d}.png", depth_scale=SCALE)
         np.testing.assert_array_equal(made, pair.stored(ibr.register(last, pair.base, COLORS)))
 
 
 def test_frames_without_any_depth_are_empty_and_told(pair: Pair):
     for number in (0, 2):
-        ibr.write_depth(pair.folder / f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), depth_scale=SCALE)
+        ibr.write_depth(f"depth/{number}.png", np.full(SIZE[::-1], np.nan, np.float32), depth_scale=SCALE)
     for words in ((), ("--color", "rgb")):
         result = pair.register("depth", "--clean", *words)
         succeeded(result)
         assert "2 of 4 frames are empty, as" in result.stderr and "their depth is out of view" in result.stderr
         for number in range(COUNT):
-            assert ibr.read_color(pair.folder / f"new_{number:04d}.png").any() == (number in (1, 3))
+            assert ibr.read_color(f"new_{number:04d}.png").any() == (number in (1, 3))
 
 
 @pytest.mark.parametrize(
@@ -134,32 +131,32 @@ def test_frames_without_any_depth_are_empty_and_told(pair: Pair):
 )  # fmt: skip
 def test_mistakes_are_told_in_one_line(pair: Pair, words, said):
     for number in (0, 1):
-        ibr.write_color(pair.folder / f"few/a_{number}_{number}.png", pair.pictures[0])
+        ibr.write_color(f"few/a_{number}_{number}.png", pair.pictures[0])
     assert_refused(pair.register(*words), *said)
-    assert not list(pair.folder.glob("new*"))
+    assert not list(Path().glob("new*"))
 
 
 def test_a_frame_of_another_size_is_left_out_and_named(pair: Pair):
-    ibr.write_depth(pair.folder / "depth/2.png", pair.depth(2)[:20], depth_scale=SCALE)
+    ibr.write_depth("depth/2.png", pair.depth(2)[:20], depth_scale=SCALE)
     result = pair.register("depth")
-    assert "3 frames" in succeeded(result) and not (pair.folder / "new_0002.png").exists()
+    assert "3 frames" in succeeded(result) and not Path("new_0002.png").exists()
     assert "depth/2.png: depth: expected" in result.stderr and "(38, 62)" in result.stderr
 
 
 def test_nothing_that_is_read_is_overwritten(pair: Pair):
     for number in range(COUNT):
-        (pair.folder / f"depth/{number}.png").rename(pair.folder / f"depth/d_{number:04d}.png")
+        Path(f"depth/{number}.png").rename(f"depth/d_{number:04d}.png")
     assert_refused(pair.register("depth", output="depth/d.png"), "--output: expected a file of its own", "DEPTH")
 
 
 @pytest.mark.parametrize("torn", ["depth", "rgb"])
 def test_frames_that_cannot_be_read_are_left_out_and_told(pair: Pair, torn: str):
-    (pair.folder / f"{torn}/1.png").write_bytes(b"torn")
+    Path(f"{torn}/1.png").write_bytes(b"torn")
     result = pair.register("depth", "--color", "rgb")
     assert "3 frames" in succeeded(result) and "1 file cannot be used; left out: " in result.stderr
     for number in (0, 2, 3):
         found = ibr.register_color(pair.depth(number), pair.base, COLORS, pair.pictures[number])
-        np.testing.assert_array_equal(ibr.read_color(pair.folder / f"new_{number:04d}.png"), found.color)
+        np.testing.assert_array_equal(ibr.read_color(f"new_{number:04d}.png"), found.color)
 
 
 def test_two_cameras_at_the_origin_are_told_once_and_extrinsics_set_them_apart(pair: Pair):
@@ -167,22 +164,19 @@ def test_two_cameras_at_the_origin_are_told_once_and_extrinsics_set_them_apart(p
     for name, camera in {"depth": pair.base, "color": COLORS}.items():
         data = {"width": camera.width, "height": camera.height, "fx": camera.K[0, 0], "fy": camera.K[1, 1]}
         data |= {"ppx": camera.K[0, 2], "ppy": camera.K[1, 2]}
-        (pair.folder / f"{name}_intrinsics.json").write_text(json.dumps(data))
+        Path(f"{name}_intrinsics.json").write_text(json.dumps(data))
     moved = COLORS.camera_from_world @ pair.base.world_from_camera
     told = {"rot": moved[:3, :3].T.ravel().tolist(), "tran": moved[:3, 3].tolist()}
-    (pair.folder / "extrinsics.json").write_text(json.dumps(told))
-    out = ["-o", pair.folder / "new.png", "--depth-scale", SCALE]
-    cameras = ["--depth-camera", pair.folder / "depth_intrinsics.json"]
-    cameras += ["--color-camera", pair.folder / "color_intrinsics.json"]
-    plain = run("register", pair.folder / "depth", *cameras, *out)
+    Path("extrinsics.json").write_text(json.dumps(told))
+    cameras = {"depth": "depth_intrinsics.json", "color": "color_intrinsics.json"}
+    plain = pair.register("depth", **cameras)
     succeeded(plain)
     assert plain.stderr.count("the cameras of depth and colour differ, but both stand at the origin") == 1
     assert plain.stderr.count("--extrinsics") == 1
-    extrinsics = ["--extrinsics", pair.folder / "extrinsics.json"]
-    apart = run("register", pair.folder / "depth", *cameras, *extrinsics, *out)
+    apart = pair.register("depth", "--extrinsics", "extrinsics.json", **cameras)
     succeeded(apart)
     assert "origin" not in apart.stderr
     for number in range(COUNT):
-        made = ibr.read_depth(pair.folder / f"new_{number:04d}.png", depth_scale=SCALE)
+        made = ibr.read_depth(f"new_{number:04d}.png", depth_scale=SCALE)
         expected = pair.stored(ibr.register(pair.depth(number), pair.base, COLORS))
         assert np.isclose(made, expected, rtol=1e-3, equal_nan=True).mean() > 0.99  # the frames differ by rounding

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,24 +15,20 @@ CAMERA = ibr.Camera.look_at((0.5, -0.6, 1.4), (0.5, 0.5, 0), (0, 0, 1), (41, 33)
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(folder: Path) -> Path:
     """A folder with a square with uv, a height map of two bumps, an image, and a camera."""
     corners, uv = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
-    ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv).save(tmp_path / "square.obj")
-    ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]]).save(tmp_path / "bare.ply")
+    ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv).save("square.obj")
+    ibr.Mesh(corners, [[0, 1, 2], [0, 2, 3]]).save("bare.ply")
     y, x = np.mgrid[:16, :32]
     bumps = (127 + 120 * np.sin(x / 3) * np.cos(y / 4)).astype(np.uint8)
-    ibr.write_color(tmp_path / "bumps.png", np.repeat(bumps[..., None], 3, axis=2))
-    ibr.write_color(tmp_path / "paint.png", np.dstack([8 * x, 12 * y, 0 * x + 90]).astype(np.uint8))
-    CAMERA.save(tmp_path / "camera.json")
-    return tmp_path
+    ibr.write_color("bumps.png", np.repeat(bumps[..., None], 3, axis=2))
+    ibr.write_color("paint.png", np.dstack([8 * x, 12 * y, 0 * x + 90]).astype(np.uint8))
+    CAMERA.save("camera.json")
+    return folder
 
 
-def run(folder: Path, command: str, *words: object, output: str = "new.png"):
-    """Run a command; words that name files in the folder become their paths."""
-    return commands.run(command, *commands.places(folder, words), "-o", folder / output)
-
-
+run = partial(commands.run, output="new.png")
 SLICES = "slices", ibr.SlicedSurface, ("--slices", 40), {"slices": 40}
 
 
@@ -47,12 +44,12 @@ def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how,
     """--light and --lamp are in the camera's axes; with --deep, black is high."""
     words = (*words, "--light", 1, 1, 2, "--ambient", 0.1) if lit else words
     maps = "--color", "paint.png", "--scale", 0.1, "--tiles", 2, 1, "--deep", "--anisotropy", 8
-    out = commands.succeeded(run(folder, command, "square.obj", "bumps.png", *maps, *words, "--to", "camera.json"))
-    bumps, paint = ibr.read_color(folder / "bumps.png")[..., 0], ibr.read_color(folder / "paint.png")
-    surface = kind(ibr.Mesh.load(folder / "square.obj"), 255 - bumps, paint, 0.1, tiles=(2, 1), **how)
+    out = commands.succeeded(run(command, "square.obj", "bumps.png", *maps, *words, "--to", "camera.json"))
+    bumps, paint = ibr.read_color("bumps.png")[..., 0], ibr.read_color("paint.png")
+    surface = kind(ibr.Mesh.load("square.obj"), 255 - bumps, paint, 0.1, tiles=(2, 1), **how)
     light = ibr.Light(direction=CAMERA.world_from_camera[:3, :3] @ (1, 1, 2), ambient=0.1, shadow_size=2048)
     expected = ibr.render(surface, CAMERA, light if lit else None, anisotropy=8)
-    np.testing.assert_array_equal(ibr.read_color(folder / "new.png"), expected.color)
+    np.testing.assert_array_equal(ibr.read_color("new.png"), expected.color)
     assert f"new.png: 41x33, {expected.valid.mean():.1%} covered" in out
 
 
@@ -70,23 +67,23 @@ def test_a_picture_is_the_librarys(folder: Path, command: str, kind, words, how,
 )
 def test_height_and_colours_are_repeated_apart(folder: Path, command: str, kind, words, height, color):
     """The mesh's own texture stays as it is, unless --color-tiles repeats it; the maps equal repeated images."""
-    bare, paint = ibr.Mesh.load(folder / "square.obj"), ibr.read_color(folder / "paint.png")
-    bare.replaced(texture=paint).save(folder / "painted.obj")
-    result = run(folder, command, "painted.obj", "bumps.png", "--scale", 0.1, *words, "--to", "camera.json")
+    bare, paint = ibr.Mesh.load("square.obj"), ibr.read_color("paint.png")
+    bare.replaced(texture=paint).save("painted.obj")
+    result = run(command, "painted.obj", "bumps.png", "--scale", 0.1, *words, "--to", "camera.json")
     assert result.exit_code == 0, result.output
-    bumps = ibr.read_color(folder / "bumps.png")[..., 0]
+    bumps = ibr.read_color("bumps.png")[..., 0]
     surface = kind(bare, np.tile(bumps, height[::-1]), np.tile(paint, (*color[::-1], 1)), 0.1)
     expected = ibr.render(surface, CAMERA, anisotropy=8).color.astype(int)
-    found = ibr.read_color(folder / "new.png").astype(int)
+    found = ibr.read_color("new.png").astype(int)
     assert np.abs(found - expected).mean() < 0.5 and (np.abs(found - expected) > 8).mean() < 0.02
 
 
 def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
     """The camera turns about the up axis; the light turns with it, so that all sides are lit."""
     asked = "--scale", 0.1, "--up", "z", "--frames", 4, "--size", 60, 40, "--light", 0, 0, 1, "--lamp", 0, 0, 0
-    result = run(folder, "relief", "square.obj", "bumps.png", *asked)
+    result = run("relief", "square.obj", "bumps.png", *asked)
     assert result.exit_code == 0 and "4 views, 60x40" in result.stdout, result.output
-    pictures = [ibr.read_color(folder / f"new_{number:04d}.png") for number in range(4)]
+    pictures = [ibr.read_color(f"new_{number:04d}.png") for number in range(4)]
     for picture in pictures:
         lit = picture.sum(axis=2) > 0
         assert 0.05 < lit.mean() < 0.9 and not (lit[0].any() or lit[-1].any() or lit[:, 0].any() or lit[:, -1].any())
@@ -122,13 +119,13 @@ def test_a_turntable_shows_all_of_it_from_all_round(folder: Path):
     ],
 )
 def test_mistakes_are_told(folder: Path, command: str, words, said: str):
-    commands.assert_refused(run(folder, command, *words), said)
+    commands.assert_refused(run(command, *words), said)
     assert not list(folder.glob("new*"))
 
 
 def test_what_is_out_of_view_is_told_by_the_status(folder: Path):
-    CAMERA.moved(0, 0, 9).save(folder / "camera.json")
-    result = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", 40, "--to", "camera.json")
+    CAMERA.moved(0, 0, 9).save("camera.json")
+    result = run("slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", 40, "--to", "camera.json")
     assert result.exit_code == 3 and "new.png is empty: the thing is out of view" in result.stderr
-    refused = run(folder, "slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", "many")
+    refused = run("slices", "square.obj", "bumps.png", "--scale", 0.1, "--slices", "many")
     commands.assert_refused(refused, "--slices: expected a whole number, or view, got many")

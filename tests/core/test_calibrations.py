@@ -14,6 +14,7 @@ from pyibr.io import read_cameras
 from tests.calibrations import BENT, CAMERA, FILES, FISHEYE, FLAT, KALIBR, ORBBEC, ORBBEC_JSON, SIZE, K, oak, transforms
 from tests.data import shared
 
+PRISM = [2.3, 1.4, 1e-3, -2e-3, 0.5, 2.2, 1.4, 0.6, 4e-3, -1e-3, -3e-3, 2e-3, 0.06, -0.04]
 DOUBLED = "a0: &a0 1\n" + "".join(f"a{k + 1}: &a{k + 1} [*a{k}, *a{k}]\n" for k in range(40))
 
 
@@ -79,12 +80,12 @@ def test_y_upwards_is_turned_with_the_world(tmp_path: Path):
     X, Y, Z, _ = np.linalg.inv(pose) @ point
     expected = [50 * X / Z + 30.5, -51 * Y / Z + 17.75]
     np.testing.assert_allclose(found.project([(up @ point)[:3]])[0][0], expected, atol=1e-9)
-    lens = ibr.Lens("brown_conrady", [0.1, 0.02, 0.03, -0.04])
-    data["lens"] = {"model": "brown_conrady", "coefficients": lens.coefficients}
-    with pytest.warns(UserWarning, match="fy < 0: y is mirrored"):
-        found = ibr.Camera.load(written(tmp_path, "icl.json", json.dumps(data)))
-    x, y = lens.distort([[X / Z, Y / Z]])[0]
-    np.testing.assert_allclose(found.project([(up @ point)[:3]])[0][0], [50 * x + 30.5, -51 * y + 17.75], atol=1e-9)
+    for lens in (ibr.Lens("brown_conrady", [0.1, 0.02, 0.03, -0.04]), ibr.Lens("tilted", PRISM)):
+        data["lens"] = {"model": lens.model, "coefficients": lens.coefficients}
+        with pytest.warns(UserWarning, match="fy < 0: y is mirrored"):
+            found = ibr.Camera.load(written(tmp_path, "icl.json", json.dumps(data)))
+        x, y = lens.distort([[X / Z, Y / Z]])[0]
+        np.testing.assert_allclose(found.project([(up @ point)[:3]])[0][0], [50 * x + 30.5, -51 * y + 17.75], atol=1e-9)
 
 
 def test_of_several_cameras_one_is_chosen(tmp_path: Path):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from tests.calibrations import kinect
 from tests.core.test_camera import GOOD_K, points_before
 
 SLIGHT = 0.01  # pixels: allowed difference from OpenCV
@@ -33,7 +34,7 @@ CALIBRATIONS = {
 }
 
 
-TILTED = ibr.Lens("tilted", CALIBRATIONS["prism and tilt"][1])
+TILTED = ibr.Camera(GOOD_K, (61, 37), lens=ibr.Lens("tilted", CALIBRATIONS["prism and tilt"][1]))
 
 
 def lens_and_frame(name: str) -> tuple[ibr.Lens, np.ndarray, float]:
@@ -191,19 +192,6 @@ def test_colmap_keeps_its_lens(model):
     np.testing.assert_allclose(again.project(points)[0][inside], expected[inside], atol=1e-8)
 
 
-@pytest.mark.parametrize("model", COLMAP)
-def test_colmap_models_project_as_colmap_does(model):
-    pycolmap = pytest.importorskip("pycolmap")
-    theirs = pycolmap.Camera(model=model, width=61, height=37, params=COLMAP[model])
-    ours = ibr.Camera.from_colmap(model, COLMAP[model], *POSE)
-    xyzw = np.array([0.1, -0.2, 0.3, 0.9])
-    pose = pycolmap.Rigid3d(pycolmap.Rotation3d(xyzw / np.linalg.norm(xyzw)), [1, 2, 3])
-    points = points_before(ours)
-    pixels, seen = theirs.img_from_cam(np.array([pose * p for p in points])) - 0.5, ours.project(points)[0]
-    inside = np.isfinite(seen[:, 0])
-    np.testing.assert_allclose(seen[inside], pixels[inside], atol=1e-7)
-
-
 def test_ros_ways_to_say_one_thing():
     d, k = [-0.2, 0.05, 0.001, -0.002, 0.01], [500, 0, 320, 0, 510, 240, 0, 0, 1]
 
@@ -229,24 +217,6 @@ def test_kalibr_both_ways():
     assert camera.to_kalibr() == entry
     fisheye = entry | {"distortion_model": "equidistant"}
     assert ibr.Camera.from_kalibr(fisheye).to_kalibr() == fisheye
-
-
-def kinect(wide: float = 3 / 4, **changes) -> dict:
-    """An Azure Kinect's calibration file; `wide` is the height of the colour image divided by its width."""
-    k = [0.55, -0.02, -0.003, 0.89, 0.09, -0.014]
-    depth = {"Location": "CALIBRATION_CameraLocationD0", "SensorWidth": 1024, "SensorHeight": 1024}
-    depth |= {"MetricRadius": 1.74, "Intrinsics": {"ModelType": "CALIBRATION_LensDistortionModelBrownConrady"}}
-    depth["Intrinsics"]["ModelParameters"] = [0.513, 0.517, 0.4928, 0.4929, *k, 0, 0, -7e-5, 2e-5]
-    depth["Rt"] = {"Rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "Translation": [0, 0, 0]}
-    turn = cv2.Rodrigues(np.array([-0.09, 0.001, 0.002]))[0]
-    k = [0.33, -2.49, 1.45, 0.21, -2.3, 1.37]
-    middle, focal = 0.5 + (0.507 - 0.5) * 0.75 / wide, 0.6374 * 0.75 / wide  # cy and fy divided by the image's height
-    color = {"Location": "CALIBRATION_CameraLocationPV0", "SensorWidth": 4096, "SensorHeight": int(4096 * wide)}
-    color |= {"Intrinsics": dict(depth["Intrinsics"]), "MetricRadius": 0}
-    color["Intrinsics"]["ModelParameters"] = [0.4998, middle, 0.478, focal, *k, 0, 0, -1e-4, -2e-4]
-    color["Rt"] = {"Rotation": turn.ravel().tolist(), "Translation": [-0.032, -0.002, 0.004]}
-    depth["Intrinsics"] |= changes
-    return {"CalibrationInformation": {"Cameras": [depth, color]}}
 
 
 def test_an_azure_kinects_cameras_are_opencvs():
@@ -356,12 +326,8 @@ def from_kinect(calibration, *pose):
         (lambda c: ibr.Lens("brown_conrady", [1, 2, 3]), "coefficients", "4 or 5 coefficients for brown_conrady"),
         (lambda c: ibr.Lens("brown_conrady", [0, 0, 0, np.nan]), "coefficients", "finite"),
         (lambda c: ibr.Lens.from_opencv(np.zeros(7)), "distortion", "4, 5, 8, 12 or 14"),
-        (
-            lambda c: ibr.Camera(GOOD_K, (61, 37), lens=TILTED).to_colmap(),
-            "lens",
-            "a lens that COLMAP supports: no thin",
-        ),
-        (lambda c: ibr.Camera(GOOD_K, (61, 37), lens=TILTED).to_realsense(), "lens", "a lens that RealSense supports"),
+        (lambda c: TILTED.to_colmap(), "lens", "a lens that COLMAP supports: no thin"),
+        (lambda c: TILTED.to_realsense(), "lens", "a lens that RealSense supports"),
         (lambda c: ibr.Lens.from_opencv(np.ones(5), fisheye=True), "distortion", "4 numbers of a fisheye"),
         (lambda c: ibr.Camera(GOOD_K, (61, 37), lens=[0, 0, 0, 0]), "lens", "a pyibr.Lens or None"),
         (lambda c: ibr.Camera(GOOD_K, (9, 9), projection="orthographic", lens=c.lens), "lens", "None for an ortho"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.core.errors import MissingPackageError
 from pyibr.core.optional import clashes, open3d, opencv, version_of
+from tools.processes import run_python
 
 EVERYTHING = """
 import sys
@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.thorough
 def test_everything_is_rendered_without_optional_packages():
-    done = subprocess.run([sys.executable, "-c", EVERYTHING], capture_output=True, text=True)
+    done = run_python("-c", EVERYTHING)
     assert done.returncode == 0, done.stderr
 
 

@@ -7,16 +7,14 @@ import pytest
 
 import pyibr as ibr
 from pyibr.images.exposure import Overlap, exposure_gains, matching_gains
+from tests.scenes import pose
 
 SIZE = (64, 48)
 
 
 def wall(at: float, gain: float, depth: float = 4.0, yaw: float = 0.0) -> ibr.DepthImage:
     """A view of an endless wall at distance `depth`, whose colours are smooth in the world."""
-    turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, (at, 0, 0)
-    camera = ibr.Camera([[50, 0, 31.5], [0, 50, 23.5], [0, 0, 1]], SIZE, pose)
+    camera = ibr.Camera([[50, 0, 31.5], [0, 50, 23.5], [0, 0, 1]], SIZE, pose(yaw, center=(at, 0, 0)))
     x = np.mgrid[: SIZE[1], : SIZE[0]][1]
     z = np.full(x.shape, depth, np.float32)
     if yaw == 0:
@@ -54,7 +52,7 @@ def test_two_groups_far_apart_from_one_another_agree_if_any_of_their_views_do():
 
 
 def test_views_that_nothing_is_known_of_keep_their_colours():
-    away = wall(0.0, 0.7, yaw=np.pi)
+    away = wall(0.0, 0.7, yaw=180)
     found = exposure_gains([wall(0, 1.0), away, wall(0.2, 1.2)])
     np.testing.assert_allclose(found[1], 1.0)
     np.testing.assert_allclose(found[0] / found[2], 1.2, rtol=0.02)

@@ -140,11 +140,3 @@ def test_within_a_notebook_show_shows_it_below_the_cell(monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: kernel, display=display))  # pyright: ignore[reportArgumentType]
     CAMERA.show()
     assert displayed == [CAMERA]
-
-
-def test_a_cell_of_a_notebook_shows_what_it_ends_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """IPython's formatters, which notebooks use, show a picture, or text for things that have none."""
-    formatters = pytest.importorskip("IPython.core.formatters", reason="needs IPython")
-    bundle, _ = formatters.DisplayFormatter().format(view())
-    assert bundle["image/png"] == view()._repr_png_()
-    assert bundle["text/plain"] == repr(view())

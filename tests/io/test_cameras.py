@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import struct
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from pyibr.io import read_cameras, write_cameras
 from pyibr.io.layouts import recording_in
 from tests.core.test_calibrations import same
 from tests.data import shared
+from tests.io.damages import damaged
 
 LENS = ibr.Lens("brown_conrady", [-0.2, 0.05, 0.001, 0])
 K, OTHER_K = [[50, 0, 30], [0, 51, 18], [0, 0, 1]], [[70, 0, 20], [0, 70, 30], [0, 0, 1]]
@@ -25,13 +27,13 @@ CAMERAS = {
 }
 
 
-def model(folder: Path, kind: str) -> None:
-    """Write a COLMAP model with one camera for each image, as text or binary."""
+def model(folder: Path, kind: str, of: dict[str, ibr.Camera] = CAMERAS) -> None:
+    """Write a COLMAP model with a camera of its own for each image, as text or binary."""
     folder.mkdir(parents=True)
     numbers = {"PINHOLE": 1, "OPENCV": 4}
     cameras, images = ["# cameras"], ["# images"]
-    packed = [struct.pack("<Q", len(CAMERAS)), struct.pack("<Q", len(CAMERAS))]
-    for number, (name, camera) in enumerate(CAMERAS.items(), 5):
+    packed = [struct.pack("<Q", len(of)), struct.pack("<Q", len(of))]
+    for number, (name, camera) in enumerate(of.items(), 5):
         form, params, qvec, tvec = camera.to_colmap()
         cameras.append(f"{number} {form} {camera.width} {camera.height} " + " ".join(map(repr, params.tolist())))
         images.append(f"{number + 7} " + " ".join(map(repr, [*qvec.tolist(), *tvec.tolist()])) + f" {number} {name}")
@@ -142,15 +144,9 @@ def test_folders_without_cameras(tmp_path: Path):
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
 def test_damaged_binary_models(tmp_path: Path, name):
     model(tmp_path / "a", "binary")
-    whole = (tmp_path / "a" / name).read_bytes()
-    rng = np.random.default_rng(0)
-    for number in range(200):
-        data = bytearray(whole)
-        if number % 2:
-            data[rng.integers(len(data))] = rng.integers(256)
-        else:
-            del data[rng.integers(1, len(data)) :]
-        (tmp_path / "a" / name).write_bytes(data)
+    whole, rng = (tmp_path / "a" / name).read_bytes(), random.Random(name)
+    for number in range(400):
+        (tmp_path / "a" / name).write_bytes(damaged(whole, rng, number))
         try:
             read_cameras(tmp_path / "a")
         except ibr.FileFormatError as error:

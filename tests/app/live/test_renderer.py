@@ -42,6 +42,14 @@ class Recorder:
         assert result == request.upper()
         self.delivered.append((request, full))
 
+    def ask_both(self, seconds: float) -> None:
+        """Let the clients a and b ask all the time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            for client in "ab":
+                self.renderer.ask(client, client)
+            time.sleep(0.001)
+
     def until(self, happened, seconds: float = 5.0) -> None:
         end = time.monotonic() + seconds
         while not happened():
@@ -100,11 +108,7 @@ def test_a_full_picture_that_is_not_the_latest_any_more_is_not_delivered(recorde
 
 def test_clients_share_the_time_not_the_frames(recorder: Recorder):
     recorder.seconds = {"a": 0.04, "b": 0.004}
-    end = time.monotonic() + 1.2
-    while time.monotonic() < end:
-        for client in "ab":
-            recorder.renderer.ask(client, client)
-        time.sleep(0.001)
+    recorder.ask_both(1.2)
     counts = {client: sum(request == client for request, _ in recorder.drawn) for client in "ab"}
     assert counts["a"] >= 5
     assert counts["b"] > 3 * counts["a"]  # about 10 if clients get equal time, 1 if they got equal numbers of frames
@@ -116,11 +120,7 @@ def test_who_comes_late_does_not_get_what_the_others_had_before(recorder: Record
         recorder.renderer.ask("a", "a")
         time.sleep(0.012)
     before = len(recorder.drawn)
-    end = time.monotonic() + 0.5
-    while time.monotonic() < end:
-        for client in "ab":
-            recorder.renderer.ask(client, client)
-        time.sleep(0.001)
+    recorder.ask_both(0.5)
     late = [request for request, _ in recorder.drawn[before:]]
     assert late.count("a") > 0.3 * len(late)
 

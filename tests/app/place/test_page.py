@@ -76,18 +76,13 @@ def work(browser, mesh, tmp_path_factory):
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("pyibr-")]
 
 
-def inside_corner(shape: tuple[int, ...], frame: int = 3) -> np.ndarray:
-    """(H, W) mask of the picture in the corner, with its border of `frame` pixels."""
-    left, top, side = inset_box((shape[1], shape[0]))
-    made = np.zeros(shape[:2], bool)
-    made[max(top - frame, 0) : top + side + frame, max(left - frame, 0) : left + side + frame] = True
-    return made
-
-
-def corner_of(work: Work) -> np.ndarray:
+def corner_of(work: Work, border: int = 3) -> np.ndarray:
     """(H, W) mask of the page's pixels that the picture in the corner covers; without frusta there is none."""
-    width, height = work.page.stream.camera.size
-    return inside_corner((height, width)) & bool(work.state.frusta)
+    size = work.page.stream.camera.size
+    left, top, side = inset_box(size)
+    made = np.zeros(size[::-1], bool)
+    made[max(top - border, 0) : top + side + border, max(left - border, 0) : left + side + border] = True
+    return made & bool(work.state.frusta)
 
 
 @cache

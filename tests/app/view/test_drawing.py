@@ -123,10 +123,9 @@ def test_knobs_are_what_a_class_is_made_with():
     assert parameters["slicing"].choices == ("orthogonal", "screen")
     assert {"tolerance", "blend", "blended", "closed"} <= set(parameters_of([ibr.DepthMeshObject(views())]))
     assert {"scale", "silhouette", "distance"} <= set(parameters_of([relief()]))
-    sliced = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1)
+    sliced = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1, test="band", band=0.1)
     assert {"scale", "slices", "slicing", "test", "halvings"} <= set(parameters_of([sliced]))
-    banded = ibr.SlicedSurface(relief().base, relief().height, relief().color, 0.1, test="band", band=0.1)
-    assert parameters_of([banded])["band"].value == 0.1
+    assert parameters_of([sliced])["band"].value == 0.1
     typed = parameters_of([ibr.DepthObject(views(), slices="view")])["slices"]
     assert (typed.kind, typed.value, typed.choices) == (str, "view", ())  # a word or a number is typed
     assert parameters_of([object(), 3, models.donut()]).keys() == {"sides"}
