@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.io.damages import quick_folder
-
 
 @pytest.fixture
 def folder() -> Iterator[Path]:
     """A temporary folder, in memory if possible."""
-    place = quick_folder()
-    yield place
-    shutil.rmtree(place)
+    memory = Path("/dev/shm")
+    with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as place:
+        yield Path(place)
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import random
 import sys
-import tempfile
 import time
 import warnings
 from pathlib import Path
@@ -20,12 +19,6 @@ from tests.io.specimens import CHECKED, OTHERS, WRITERS, reader, same
 
 COUNT = 100
 SLOW = 2.0  # most seconds to read a file of some kilobytes
-
-
-def quick_folder() -> Path:
-    """Create a temporary folder, in memory if possible."""
-    memory = Path("/dev/shm")
-    return Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
 
 
 def damaged(data: bytes, rng: random.Random, number: int) -> bytes:

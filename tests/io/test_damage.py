@@ -7,7 +7,6 @@ import json
 import os
 import random
 import resource
-import subprocess
 import sys
 from pathlib import Path
 
@@ -16,14 +15,9 @@ import pytest
 import pyibr as ibr
 from tests.io.damages import COUNT, wrongs
 from tests.io.specimens import DECODED_ELSEWHERE, OTHERS, WRITERS, reader
+from tools.processes import run_within
 
-ROOT = Path(__file__).parents[2]
 OWN = [name for name in (*WRITERS, *OTHERS) if name not in DECODED_ELSEWHERE]
-
-
-def needs_exr(*names: str) -> None:
-    if any(name.endswith(".exr") for name in names):
-        pytest.importorskip("OpenEXR")
 
 
 @pytest.mark.parametrize("name", OWN)
@@ -32,9 +26,8 @@ def test_damaged_files(folder: Path, name):
 
 
 def test_damaged_files_of_other_libraries(folder: Path):
-    needs_exr(*DECODED_ELSEWHERE)
-    words = [sys.executable, "-m", "tests.io.damages", str(folder), *DECODED_ELSEWHERE]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    pytest.importorskip("OpenEXR")
+    done = run_within(120, [sys.executable, "-m", "tests.io.damages", str(folder), *DECODED_ELSEWHERE])
     assert done.returncode == 0, done.stderr[-2000:]
     assert json.loads(done.stdout.splitlines()[-1]) == []
 
@@ -46,9 +39,9 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.usefixtures("openexr_if_asked")
 @pytest.mark.parametrize("name", WRITERS)
 def test_writes_that_fail_leave_what_was_there(folder: Path, monkeypatch: pytest.MonkeyPatch, name):
-    needs_exr(name)
     write, rng = WRITERS[name], random.Random(name)
     write(folder / name)
     size = (folder / name).stat().st_size
@@ -108,8 +101,7 @@ print("done")
 
 
 def test_killed_writers_leave_whole_files(folder: Path):
-    words = [sys.executable, "-c", KILLED, str(folder)]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    done = run_within(60, [sys.executable, "-c", KILLED, str(folder)])
     assert done.stdout == "done\n", done.stderr
     names = {path.name for path in folder.iterdir()}
     remains = {name for name in names if name.startswith(".")}

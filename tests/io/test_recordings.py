@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.io import read_cameras, read_poses
 from pyibr.io.folders import at_one_time
 from pyibr.io.layouts import recording_in
 from pyibr.io.recordings import Recording, cameras_of, paired, shots_of
@@ -196,35 +195,20 @@ REAL = {
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", REAL)
 def test_poses_and_frames_of_real_recordings_belong_together(name):
-    folder = shared(name)
     focal, scale, least = REAL[name]
-    recording = recording_in(folder)
-    poses, times = read_poses(recording.poses)
-    frames = [0, len(recording.depths) - 1]
-    places = frames if times is None else [_place(recording.colors[k], times) for k in frames]
-    K = [[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]]
-    cameras = [ibr.Camera(K, (640, 480), poses[k]) for k in places]
-    depths = [ibr.read_depth(recording.depths[k], depth_scale=scale) for k in frames]
-    frame = ibr.warp(ibr.DepthImage(None, depths[0], cameras[0]), cameras[1])
-    both = frame.valid & np.isfinite(depths[1])
+    camera = ibr.Camera([[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]], (640, 480))
+    first, *_, last = ibr.load(shared(name), depth_scale=scale, camera=camera)
+    frame = ibr.warp(first, last.camera)
+    both = frame.valid & last.valid
     assert both.mean() > 0.3
-    assert np.median(np.abs(frame.depth - depths[1])[both]) < 1.3 * least + 0.0005  # 0.0005: the README's rounding
-
-
-def _place(color: Path, times: np.ndarray) -> int:
-    return int(np.abs(times - float(color.stem)).argmin())
+    assert np.median(np.abs(frame.depth - last.depth)[both]) < 1.3 * least + 0.0005  # 0.0005: the README's rounding
 
 
 @pytest.mark.thorough
 def test_a_real_colmap_workspace():
-    folder = shared("formats/colmap_dense_binary")
-    recording = recording_in(folder)
-    cameras = read_cameras(*recording.cameras)
+    recording = recording_in(shared("formats/colmap_dense_binary"))
     assert names(recording) == [(f"image{k}.jpg", f"image{k}.jpg.geometric.bin") for k in ("07", "018", "019")]
     assert not recording.left_out
-    for color, depth in zip(recording.colors, recording.depths, strict=True):
-        shapes = [ibr.read_color(color).shape[:2], ibr.read_depth(depth).shape]
-        assert shapes[0] == shapes[1] == cameras[color.name].size[::-1]
 
 
 def test_a_depth_camera_moves_with_the_cameras_of_the_colours():

@@ -28,25 +28,16 @@ DEPTH, INFRARED = np.full((H, W), 2500, np.uint16), np.full((H, W), 340, np.uint
 DEPTH[:, :9] = 1250
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        ("/depth/image_raw", "depth"),
-        ("/ir/image_raw", "other"),
-        ("/camera/infra1/image_rect_raw", "other"),
-        ("/rgb/image_raw", "color"),
-        ("/depth_to_rgb/image_raw", "depth"),
-        ("/rgb_to_depth/image_raw", "color"),
-        ("/camera/aligned_depth_to_color/image_raw", "depth"),
-        ("/zed/depth/confidence", "other"),
-        ("/kinect2/sd/image_depth", "depth"),
-        ("/device_0/sensor_0/Depth_0/image/data", "depth"),
-        ("/stairs/third/image", ""),
-        ("COLOR", "color"),
-        ("Left IR", "other"),
-        ("", ""),
-    ],
-)
+NAMES = {
+    "depth": ["/depth/image_raw", "/depth_to_rgb/image_raw", "/camera/aligned_depth_to_color/image_raw"],
+    "color": ["/rgb/image_raw", "/rgb_to_depth/image_raw", "COLOR"],
+    "other": ["/ir/image_raw", "/camera/infra1/image_rect_raw", "/zed/depth/confidence", "Left IR"],
+    "": ["/stairs/third/image", ""],
+}
+NAMES["depth"] += ["/kinect2/sd/image_depth", "/device_0/sensor_0/Depth_0/image/data"]
+
+
+@pytest.mark.parametrize(("name", "kind"), [(name, kind) for kind, names in NAMES.items() for name in names])
 def test_kinds_by_name(name: str, kind: str):
     assert kind_of(name) == kind
 
@@ -116,6 +107,11 @@ def png(values: np.ndarray) -> bytes:
 
 KINECT = {"/ir/image_raw": ("mono16", INFRARED), "/depth/image_raw": ("16UC1", DEPTH), "/rgb/image_raw": ("bgr8", GRAY)}
 METRES = (DEPTH / 1000).astype(np.float32)
+COLORS = {"/rgb/image": ("rgb8", GRAY)}
+
+
+def of_kinect(*names: str) -> dict[str, Any]:
+    return {topic: image for topic, image in KINECT.items() if topic.split("/")[1] in names}
 
 
 @pytest.mark.parametrize(
@@ -123,15 +119,11 @@ METRES = (DEPTH / 1000).astype(np.float32)
     [
         KINECT,
         {"/confidence/map": ("32FC1", METRES * 30), "/range": ("32FC1", METRES), "/eye/left": ("rgb8", GRAY)},
-        {
-            "/camera/infra1/image": ("mono16", INFRARED),
-            "/camera/depth/image": ("mono16", DEPTH),
-            "/camera/a": ("rgb8", GRAY),
-        },
-        {"/rgb/image": ("rgb8", GRAY), "/depth/image_raw/compressed": ("16UC1; png compressed ", png(DEPTH))},
-        {"/rgb/image": ("rgb8", GRAY), "/depth/image_raw/compressed": ("png", png(DEPTH))},
-        {"/rgb/image": ("rgb8", GRAY), "/d/image/compressedDepth": ("16UC1; compressedDepth", bytes(12) + png(DEPTH))},
-        {"/depth/preview": ("mono8", GRAY[..., 0]), "/depth/image": ("16UC1", DEPTH), "/rgb/image": ("rgb8", GRAY)},
+        {"/camera/infra1/image": ("mono16", INFRARED), "/camera/depth/image": ("mono16", DEPTH)} | COLORS,
+        {"/depth/image_raw/compressed": ("16UC1; png compressed ", png(DEPTH))} | COLORS,
+        {"/depth/image_raw/compressed": ("png", png(DEPTH))} | COLORS,
+        {"/d/image/compressedDepth": ("16UC1; compressedDepth", bytes(12) + png(DEPTH))} | COLORS,
+        {"/depth/preview": ("mono8", GRAY[..., 0]), "/depth/image": ("16UC1", DEPTH)} | COLORS,
     ],
     ids=lambda images: next(iter(images)),
 )
@@ -159,9 +151,7 @@ def test_the_chosen_topic_is_reported_and_can_be_named(tmp_path: Path):
 
 
 def test_the_topic_of_depth_decides_on_the_device(tmp_path: Path):
-    both = {
-        f"/{eye}{topic}": image for eye in ("left", "right") for topic, image in KINECT.items() if "ir" not in topic
-    }
+    both = {f"/{eye}{topic}": image for eye in ("left", "right") for topic, image in of_kinect("depth", "rgb").items()}
     both["/right/rgb/image_raw"] = ("bgr8", GRAY + np.uint8(9))
     with pytest.warns(UserWarning, match="/right/rgb/image_raw is read as color, not /left/rgb/image_raw"):
         (view,) = ibr.load(bag(tmp_path / "a.bag", both), channel="/right/depth/image_raw")
@@ -171,24 +161,13 @@ def test_the_topic_of_depth_decides_on_the_device(tmp_path: Path):
 @pytest.mark.parametrize(
     ("images", "message"),
     [
-        (
-            {"/ir/image_raw": KINECT["/ir/image_raw"], "/rgb/image_raw": KINECT["/rgb/image_raw"]},
-            "expected images of depth",
-        ),
-        ({"/depth/image_raw": KINECT["/depth/image_raw"]}, "expected images of color"),
-        (
-            {"/rgb/image": ("rgb8", GRAY), "/depth/image/compressedDepth": ("16UC1; compressedDepth rvl", bytes(99))},
-            "rvl",
-        ),
-        (
-            {"/rgb/image": ("rgb8", GRAY), "/depth/image/compressed": ("16UC1; png compressed", b"broken" * 9)},
-            r"a\.bag",
-        ),
+        (of_kinect("ir", "rgb"), "expected images of depth"),
+        (of_kinect("depth") | {"/depth/other": ("16UC1", DEPTH)}, "expected images of color"),
+        (COLORS | {"/depth/image/compressedDepth": ("16UC1; compressedDepth rvl", bytes(99))}, "rvl"),
+        (COLORS | {"/depth/image/compressed": ("16UC1; png compressed", b"broken" * 9)}, r"a\.bag"),
     ],
 )
 def test_bags_without_readable_depth(tmp_path: Path, images: dict[str, Any], message: str):
-    if len(images) == 1:
-        images = {**images, "/depth/other": KINECT["/depth/image_raw"]}
     with pytest.raises(ibr.FileFormatError, match=message):
         ibr.load(bag(tmp_path / "a.bag", images))
 
@@ -198,10 +177,8 @@ def test_bags_without_readable_depth(tmp_path: Path, images: dict[str, Any], mes
 FORMATS = {"yuvj422p": "mjpeg", "yuv420p": "mpeg4", "gray": "ffv1", "gray16le": "ffv1"}
 
 
-def film(
-    path: Path, tracks: list[tuple[str, str, np.ndarray]], count: int = 1, files: Mapping[str, object] | None = None
-) -> Path:
-    """Write tracks of constant pictures: title, pixel format, picture. Later tracks end earlier; files are attached."""
+def film(path: Path, tracks: list[tuple[str, str, np.ndarray]], count: int = 1, **files: object) -> Path:
+    """Write tracks of constant pictures: title, pixel format, picture. JSON files are attached."""
     av = pytest.importorskip("av", reason="needs PyAV, of the extra video")
     with av.open(str(path), "w") as container:
         streams = []
@@ -211,8 +188,8 @@ def film(
             stream.pix_fmt = pixels
             stream.metadata["title"] = title
             streams.append(stream)
-        for name, content in (files or {}).items():
-            container.add_attachment(name, "application/octet-stream", json.dumps(content).encode())
+        for name, content in files.items():
+            container.add_attachment(f"{name}.json", "application/octet-stream", json.dumps(content).encode())
         for number in range(count):
             for stream, (_, pixels, picture) in zip(streams, tracks, strict=True):
                 form = "rgb24" if picture.ndim == 3 else "gray" if picture.dtype == np.uint8 else "gray16le"
@@ -224,11 +201,8 @@ def film(
     return path
 
 
-COLOR_TRACK, DEPTH_TRACK, IR_TRACK = (
-    ("COLOR", "yuvj422p", GRAY),
-    ("DEPTH", "gray16le", DEPTH),
-    ("IR", "gray16le", INFRARED),
-)
+COLOR_TRACK, DEPTH_TRACK = ("COLOR", "yuvj422p", GRAY), ("DEPTH", "gray16le", DEPTH)
+IR_TRACK = ("IR", "gray16le", INFRARED)
 
 
 @pytest.mark.parametrize(
@@ -283,15 +257,11 @@ def calibration() -> dict[str, Any]:
     return made
 
 
-def recorded_by_a_kinect(path: Path, count: int = 2, **files: object) -> Path:
-    color, depth = np.full((720, 1280, 3), (30, 90, 150), np.uint8), np.full((288, 320), 1500, np.uint16)
-    tracks = [("COLOR", "yuvj422p", color), ("DEPTH", "gray16le", depth), ("IR", "gray16le", depth // 4)]
-    return film(path, tracks, count, {name.replace("_", "."): content for name, content in files.items()})
-
-
 @pytest.mark.filterwarnings("ignore:.*is read as")
 def test_a_kinects_recording_has_colours_depth_and_cameras(tmp_path: Path):
-    place = recorded_by_a_kinect(tmp_path / "kinect.mkv", calibration_json=calibration())
+    color, wall = np.full((720, 1280, 3), (30, 90, 150), np.uint8), np.full((288, 320), 1500, np.uint16)
+    tracks = [("COLOR", "yuvj422p", color), ("DEPTH", "gray16le", wall), ("IR", "gray16le", wall // 4)]
+    place = film(tmp_path / "kinect.mkv", tracks, 2, calibration=calibration())
     views = ibr.load(place)
     assert len(views) == 2
     for view in views:
@@ -314,12 +284,12 @@ def test_tracks_without_a_fitting_calibration(tmp_path: Path):
     camera = ibr.Camera([[50, 0, 25.5], [0, 50, 17.5], [0, 0, 1]], (W, H))
     (view,) = ibr.load(place, camera=camera)
     np.testing.assert_array_equal(view.depth, METRES)
-    place = film(tmp_path / "b.mkv", [COLOR_TRACK, DEPTH_TRACK], files={"k4a.json": calibration()})
+    place = film(tmp_path / "b.mkv", [COLOR_TRACK, DEPTH_TRACK], k4a=calibration())
     with pytest.raises(
         ibr.FileFormatError, match=rf"b\.mkv: k4a\.json: expected a camera of {W}x{H}, the track of color"
     ):
         ibr.load(place)
-    place = film(tmp_path / "c.mkv", [COLOR_TRACK, DEPTH_TRACK], files={"own.json": [camera.to_json()] * 2})
+    place = film(tmp_path / "c.mkv", [COLOR_TRACK, DEPTH_TRACK], own=[camera.to_json()] * 2)
     with pytest.raises(ibr.ArgumentError, match="depth_scale: expected stored units"):  # of unknown depth
         ibr.load(place)
 
@@ -336,10 +306,8 @@ def test_frames_of_tracks_go_by_time(tmp_path: Path):
         for number in range(4):
             for stream, form in zip(streams, ("rgb24", "gray16le"), strict=True):
                 if form == "rgb24" or number > 0:
-                    kind = (
-                        np.full((H, W, 3), number, np.uint8) if form == "rgb24" else np.full((H, W), number, np.uint16)
-                    )
-                    frame = av.VideoFrame.from_ndarray(kind, format=form).reformat(format=stream.pix_fmt)
+                    picture = np.full_like(GRAY if form == "rgb24" else DEPTH, number)
+                    frame = av.VideoFrame.from_ndarray(picture, format=form).reformat(format=stream.pix_fmt)
                     frame.pts, frame.time_base = number, Fraction(1, 10)
                     container.mux(stream.encode(frame))
         for stream in streams:
@@ -354,18 +322,9 @@ def test_a_film_of_one_frame_is_no_picture_with_a_number(tmp_path: Path):
     film(tmp_path / "depth.mkv", [("", "gray16le", DEPTH)])
     (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 0 1\n")
     ibr.write_depth(tmp_path / "depths/3.png", METRES, depth_scale=1000)
+    how = ("--depth-scale", 1000, "--fov", 60, "--poses", tmp_path / "poses.txt", "--move", 0, 0, 0)
     for depth in ("depth.mkv", "depths"):
-        words = (
-            tmp_path / "clip7.mkv",
-            tmp_path / depth,
-            "--depth-scale",
-            1000,
-            "--fov",
-            60,
-            "--poses",
-            tmp_path / "poses.txt",
-        )
-        succeeded(run("warp", *words, "--move", 0, 0, 0, "-o", tmp_path / "n.png"))
+        succeeded(run("warp", tmp_path / "clip7.mkv", tmp_path / depth, *how, "-o", tmp_path / "n.png"))
         assert (tmp_path / "n_0000.png").exists()
         (tmp_path / "n_0000.png").unlink()
 
@@ -373,6 +332,6 @@ def test_a_film_of_one_frame_is_no_picture_with_a_number(tmp_path: Path):
 def test_compressed_depth_of_floats(tmp_path: Path):
     scale, least = 1010.0, -100.0
     data = struct.pack("<iff", 0, scale, least) + png((scale / METRES + least).astype(np.uint16))
-    images = {"/rgb/image": ("rgb8", GRAY), "/depth/image/compressedDepth": ("32FC1; compressedDepth png", data)}
-    (view,) = ibr.load(bag(tmp_path / "a.bag", images))
+    images = {"/depth/image/compressedDepth": ("32FC1; compressedDepth png", data)}
+    (view,) = ibr.load(bag(tmp_path / "a.bag", COLORS | images))
     np.testing.assert_allclose(view.depth, METRES, rtol=0.005)

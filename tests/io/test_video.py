@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import ctypes
-import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -18,6 +17,7 @@ import pyibr as ibr
 from pyibr.io.video import Video
 from pyibr.io.video_writing import CODECS, VideoWriter, check_video_output
 from tests.app.browser import chromium
+from tools.processes import run_python
 
 av = pytest.importorskip("av", reason="needs PyAV, of the extra video")
 
@@ -26,9 +26,7 @@ FILMS = [(suffix, codec) for suffix, codecs in CODECS.items() for codec in codec
 
 
 def written(path: Path, frames: list[np.ndarray], fps: float = 12.5, **options: Any) -> Path:
-    with VideoWriter(path, fps, **options) as video:
-        for frame in frames:
-            video.add(frame)
+    ibr.write_video(path, frames, fps, **options)
     return path
 
 
@@ -214,7 +212,7 @@ def test_what_is_no_video_is_told_in_one_sentence_alone(tmp_path: Path):
     for data in (b"words " * 100, whole[:300], bytes(5000)):
         (tmp_path / "v.mp4").write_bytes(data)
         code = f"from pathlib import Path; from pyibr.io.video import Video; Video(Path({str(tmp_path / 'v.mp4')!r}))"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        done = run_python("-c", code)
         assert done.stderr.count("\n") < 30 and "moov" not in done.stderr and "[ERROR" not in done.stderr
         assert done.stderr.strip().splitlines()[-1].endswith("v.mp4: not a readable video file, or truncated")
     with pytest.raises(ibr.FileFormatError, match="no such file"):

@@ -115,12 +115,6 @@ def test_bad_files(tmp_path, capfd):
     assert "Open3D" not in "".join(capfd.readouterr())
 
 
-def test_saving_makes_the_folder(tmp_path, capfd):
-    ibr.Mesh(CORNERS, FACES).save(tmp_path / "new" / "folder" / "square.ply")
-    assert len(ibr.Mesh.load(tmp_path / "new" / "folder" / "square.ply").faces) == 2
-    assert not capfd.readouterr().err
-
-
 def test_attributes_go_through_open3d():
     heat = [[1.0], [2.0], [3.0]]
     mesh = ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], attributes={"heat": heat})

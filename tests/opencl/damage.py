@@ -29,21 +29,10 @@ def _with_a_flipped_bit(data: bytes, random: Random) -> bytes:
     return (int.from_bytes(data, "big") ^ bit).to_bytes(len(data), "big")
 
 
-def _with_zeros(data: bytes, random: Random) -> bytes:
-    start = random.randrange(len(data))
-    end = min(start + 4096, len(data))
-    return data[:start] + bytes(end - start) + data[end:]
-
-
 BYTES: dict[str, Callable[[bytes, Random], bytes]] = {
     "a flipped bit": _with_a_flipped_bit,
-    "cut": lambda old, rng: old[: rng.randrange(len(old))],
     "emptied": lambda old, rng: b"",
-    "zeroed": lambda old, rng: bytes(len(old)),
-    "a page of zeros": _with_zeros,
     "garbage": lambda old, rng: rng.randbytes(len(old)),
-    "appended": lambda old, rng: old + rng.randbytes(rng.randrange(1, 5000)),
-    "prepended": lambda old, rng: rng.randbytes(7) + old,
     "another version": lambda old, rng: old.replace(b"cache 1", b"cache 0", 1),
 }
 """Changes of a file's bytes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -114,11 +115,11 @@ def test_every_flipped_bit_and_every_length_is_noticed(own_cache: Path):
         damaged[bit // 8] ^= 1 << bit % 8
         path.write_bytes(damaged)
         assert ONE.read() is None
-    for length in range(len(whole)):
-        path.write_bytes(whole[:length])
-        assert ONE.read() is None
-    path.write_bytes(whole + b"\0")
-    assert ONE.read() is None
+    ends = [whole[:length] + bytes(zeros) for length in range(len(whole)) for zeros in (0, len(whole) - length)]
+    for other in (*ends, whole + b"\0", b"\0" + whole, b"words" * 99, random.Random(0).randbytes(len(whole))):
+        if other != whole:
+            path.write_bytes(other)
+            assert ONE.read() is None
     path.write_bytes(whole)
     assert ONE.read() == b"content"
 

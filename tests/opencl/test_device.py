@@ -196,10 +196,8 @@ time.sleep({more})
 @pytest.mark.parametrize("number", [0, 2, 4, 7])
 def test_a_process_ends_cleanly_while_daemon_threads_call(number: int):
     """The main thread ends while daemon threads open the device and build kernels, or during later calls."""
-    early = number < 3
-    code = ENDING.format(
-        threads=1 + number % 3, wait=0 if early else 60, more=0.1 * number if early else 0.003 * number
-    )
+    wait, more = (0, 0.1 * number) if number < 3 else (60, 0.003 * number)
+    code = ENDING.format(threads=1 + number % 3, wait=wait, more=more)
     done = run_python("-c", code)
     assert (done.returncode, done.stderr) == (0, "")
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from tests.io.layouts.wall import GL, POSES, SIZE, K, counts, png, rendered, text, turned
+from tests.io.layouts.wall import GL, POSES, SIZE, K, counts, png, rendered, text, turned, write_frames
 
 
 def bop(folder: Path) -> None:
@@ -66,9 +66,8 @@ def sintel(folder: Path) -> None:
 
 def kitti_drive(folder: Path) -> None:
     scene = rendered(poses=[np.eye(4), np.eye(4)])
-    for number, (color, depth) in enumerate(zip(scene.colors, scene.depths, strict=True), 5):
-        png(folder / f"image_02/data/{number:010d}.png", color)
-        png(folder / f"proj_depth/groundtruth/image_02/{number:010d}.png", counts(depth, 256))
+    depths = "proj_depth/groundtruth/image_02/{:010d}.png"
+    write_frames(folder, scene, 256, "image_02/data/{:010d}.png", depths, first=5)
     row = " ".join(map(str, np.column_stack([K, [4.5, 0, 0]]).ravel().tolist()))
     text(folder.parent / "calib_cam_to_cam.txt", f"corner_dist: 9.95e-02\nP_rect_02: {row}\n")
 

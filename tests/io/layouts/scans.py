@@ -11,7 +11,10 @@ import numpy as np
 from PIL import Image
 
 import pyibr as ibr
-from tests.io.layouts.wall import GL, SIZE, K, counts, matrix, png, rendered, text, tum_line, xyzw
+from tests.io.layouts.wall import GL, SIZE, K, counts, matrix, png, rendered, text, tum_line, write_frames, xyzw
+
+K_4 = np.eye(4)
+K_4[:3, :3] = K
 
 
 def tum(folder: Path, K: np.ndarray = K) -> None:
@@ -73,24 +76,19 @@ def seven_scenes(folder: Path) -> None:
 
 
 def scannet(folder: Path) -> None:
-    scene, four = rendered(), np.eye(4)
-    four[:3, :3] = K
+    scene = rendered()
     for kind in ("color", "depth"):
-        matrix(folder / f"intrinsic/intrinsic_{kind}.txt", four)
+        matrix(folder / f"intrinsic/intrinsic_{kind}.txt", K_4)
         matrix(folder / f"intrinsic/extrinsic_{kind}.txt", np.eye(4))
-    for number, (color, depth, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
-        png(folder / f"color/{number}.png", color)
-        png(folder / f"depth/{number}.png", counts(depth, 1000))
-        matrix(folder / f"pose/{number}.txt", one)
+    write_frames(folder, scene, 1000, "color/{}.png", "depth/{}.png", "pose/{}.txt")
     png(folder / "color/2.png", scene.colors[0])
     png(folder / "depth/2.png", counts(scene.depths[0], 1000))
     text(folder / "pose/2.txt", "-inf -inf -inf -inf\n" * 4)
 
 
 def posed_images(folder: Path) -> None:
-    scene, four = rendered(), np.eye(4)
-    four[:3, :3] = K
-    matrix(folder / "intrinsic.txt", four)
+    scene = rendered()
+    matrix(folder / "intrinsic.txt", K_4)
     for number, (color, depth, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
         folder.mkdir(exist_ok=True)
         Image.fromarray(color).save(folder / f"{number:05d}.jpg", quality=98, subsampling=0)
@@ -99,9 +97,8 @@ def posed_images(folder: Path) -> None:
 
 
 def sens(folder: Path) -> None:
-    scene, four = rendered(), np.eye(4)
-    four[:3, :3] = K
-    row = " ".join(map(str, four.ravel().tolist()))
+    scene = rendered()
+    row = " ".join(map(str, K_4.ravel().tolist()))
     sizes = "".join(f"m_{kind}Width = {SIZE[0]}\nm_{kind}Height = {SIZE[1]}\n" for kind in ("color", "depth"))
     matrices = "".join(f"m_calibration{kind}Intrinsic = {row}\n" for kind in ("Color", "Depth"))
     text(folder / "_info.txt", f"m_versionNumber = 4\n{sizes}m_depthShift = 2000\n{matrices}")
@@ -117,18 +114,15 @@ def replica(folder: Path) -> None:
     camera = {"w": SIZE[0], "h": SIZE[1], "fx": 60.0, "fy": 62.0, "cx": 30.3, "cy": 24.2, "scale": 6553.5}
     text(folder.parent / "cam_params.json", json.dumps({"camera": camera}))
     matrix(folder / "traj.txt", np.array([one.ravel() for one in scene.poses]))
-    for number, (color, depth) in enumerate(zip(scene.colors, scene.depths, strict=True)):
-        png(folder / f"results/frame{number:06d}.png", color)
-        png(folder / f"results/depth{number:06d}.png", counts(depth, 6553.5))
+    write_frames(folder, scene, 6553.5, "results/frame{:06d}.png", "results/depth{:06d}.png")
 
 
 def redwood(folder: Path) -> None:
     scene, log = rendered(), ""
     columns = K.T.ravel().tolist()
     text(folder / "camera_primesense.json", json.dumps({"width": 64, "height": 48, "intrinsic_matrix": columns}))
-    for number, (color, depth, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
-        png(folder / f"image/{number:05d}.png", color)
-        png(folder / f"depth/{number:05d}.png", counts(depth, 1000))
+    write_frames(folder, scene, 1000, "image/{:05d}.png", "depth/{:05d}.png")
+    for number, one in enumerate(scene.poses):
         log += f"{number} {number} {number + 1}\n" + "".join(" ".join(map(repr, r)) + "\n" for r in one.tolist())
     text(folder / "trajectory.log", log)
 
@@ -162,9 +156,8 @@ def eth3d_views(folder: Path) -> None:
 
 def nerfstudio(folder: Path, depth_key: str = "depth_file_path", unit: float | None = None) -> None:
     scene, frames = rendered(), list[Any]()
-    for number, (color, depth, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
-        png(folder / f"images/frame_{number:05d}.png", color)
-        png(folder / f"depths/frame_{number:05d}.png", counts(depth, 1000 if unit is None else 1 / unit))
+    write_frames(folder, scene, 1 / (unit or 0.001), "images/frame_{:05d}.png", "depths/frame_{:05d}.png")
+    for number, one in enumerate(scene.poses):
         frame = {"file_path": f"images/frame_{number:05d}.png", depth_key: f"depths/frame_{number:05d}.png"}
         frames.append(frame | {"transform_matrix": (one @ GL).tolist()})
     told = {"fl_x": 60, "fl_y": 62, "cx": 30.8, "cy": 24.7, "w": 64, "h": 48, "frames": frames}

@@ -74,6 +74,18 @@ def matrix(path: Path, values: np.ndarray) -> None:
     text(path, "\n".join(" ".join(map(repr, row)) for row in np.atleast_2d(values).tolist()) + "\n")
 
 
+def write_frames(folder: Path, scene: Scene, scale: float, color: str, depth: str, pose: str = "", first=0) -> None:
+    """Write PNG files of a scene's frames, with depth in units of 1 / scale, and perhaps matrices of their poses.
+
+    `color`, `depth` and `pose` are names of files, with a place for the frame's number, which counts from `first`.
+    """
+    for number, (seen, far, one) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True), first):
+        png(folder / color.format(number), seen)
+        png(folder / depth.format(number), counts(far, scale))
+        if pose:
+            matrix(folder / pose.format(number), one)
+
+
 def xyzw(rotation: np.ndarray) -> np.ndarray:
     w = np.sqrt(1 + np.trace(rotation)) / 2
     skew = rotation - rotation.T
