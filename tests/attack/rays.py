@@ -79,8 +79,7 @@ def judge_rays(seed: int) -> str:
     seen = surface.cast(case.camera, case.options["side"])
     off = _off(frame, seen)
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)) if off.any() else ():
-        K = case.camera.K + HAIR * np.array([[0, 0, dx], [0, 0, dy], [0, 0, 0]])
-        beside = ibr.Camera(K, case.camera.size, case.camera.world_from_camera, projection=case.camera.projection)
+        beside = scenes.moved_aside(case.camera, HAIR * dx, HAIR * dy)
         off &= _off(frame, surface.cast(beside, case.options["side"]))
     allowed = 2 + OFF[case.options["method"]] * off.size  # 2 more, for pictures of few pixels
     if off.sum() > allowed:

@@ -5,9 +5,7 @@ They run in separate processes, so that a crash or an endless kernel is also rep
 
 from __future__ import annotations
 
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -15,8 +13,7 @@ import pyibr as ibr
 from tests.attack.arguments import Call
 from tests.attack.law import BrokenLawError, checked, judge
 from tests.warp.test_bad_input import CAMERA, VIEW
-
-ROOT = Path(__file__).parents[2]
+from tools.processes import run_python
 
 
 @pytest.mark.thorough
@@ -31,8 +28,7 @@ ROOT = Path(__file__).parents[2]
     ],
 )
 def test_random_calls_obey_the_law(kind, first, count):
-    command = [sys.executable, "-m", "tests.attack", kind, "--first", str(first), "--count", str(count)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = run_python("-m", "tests.attack", kind, "--first", str(first), "--count", str(count))
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr[-2000:]}"
 
 

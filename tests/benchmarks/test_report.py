@@ -202,11 +202,6 @@ def test_launches_are_seen_by_name() -> None:
         pass
 
 
-def test_the_papers_figures_are_in_milliseconds() -> None:
-    assert table2.PAPER["torus"] == {128: 50.3, 256: 201.3, 512: 775.2}
-    assert table2.PAPER["dragon"][512] == 1227.6
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", table2.PAPER)
 def test_the_pictures_of_table_2_are_right(name: str) -> None:
