@@ -101,11 +101,7 @@ def _bounds(setting: Setting) -> Cases:
     """Bounds of nearness in windows of a surface, which only GPUs use."""
     for size in ((1, 1), (17, 33))[: setting.choose(1, 2, 2)]:
         view = setting.view(scenes.smooth, size, "perspective")
-        yield f"bounds {size}", partial(_bounds_of, view)
-
-
-def _bounds_of(view: DepthImage) -> NDArray[Any]:
-    return surface_of(view, None).bounds.to_host()
+        yield f"bounds {size}", lambda view=view: surface_of(view, None).bounds.to_host()
 
 
 def _registrations(setting: Setting) -> Cases:

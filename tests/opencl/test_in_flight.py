@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -16,12 +15,12 @@ import pytest
 import pyibr as ibr
 from pyibr.opencl import in_flight, launch, program
 from pyibr.opencl.device import current
-from pyibr.opencl.headers import kernels_folder
 from pyibr.opencl.in_flight import KernelCost, piece_of
 from pyibr.opencl.memory import empty
 from pyibr.opencl.watch import Traffic, Watch, watching
 from tests import scenes
 from tests.one_lane import one_lane
+from tests.opencl.setting import signatures
 from tools.everything import calls, same
 
 WIDE = {"prepare"}
@@ -75,8 +74,7 @@ def padded() -> Generator[None, None, None]:
 
 @pytest.mark.parametrize("lanes", ["wide", pytest.param("one", marks=pytest.mark.thorough)])
 def test_all_kernels_give_the_same_in_pieces_and_in_padded_launches(lanes: str):
-    files = kernels_folder().rglob("*.cl" if lanes == "wide" else "*.*")  # kernels in headers are for GPUs only
-    known = {name for path in files for name in _kernels_of(path.read_text())}
+    known = {*signatures(suffix=".cl" if lanes == "wide" else ".*")}  # kernels in headers are for GPUs only
     seen: Counter[str] = Counter()
     if lanes == "one":
         known -= WIDE
@@ -92,10 +90,6 @@ def test_all_kernels_give_the_same_in_pieces_and_in_padded_launches(lanes: str):
     assert seen.keys() == known
     of_few_items = ("find_coarse", "refine_coarse", "push_", "pull_", "find_noise")
     assert not [name for name in known if seen[name] <= 1 and not name.startswith(of_few_items)]
-
-
-def _kernels_of(source: str) -> list[str]:
-    return re.findall(r"^kernel void (\w+)", source, re.MULTILINE)
 
 
 def test_short_launches_stay_whole():

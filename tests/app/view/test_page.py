@@ -16,6 +16,8 @@ import pytest
 
 import pyibr as ibr
 from pyibr.app.view.painting import paint
+from pyibr.capture import models
+from pyibr.capture.raycast import MeshScene
 from pyibr.images.metrics import psnr
 from tests.app.browser import LOOPBACK, Tab, listeners, opened, rested, settles_on, stays, until
 from tools.browser import PANEL
@@ -27,25 +29,11 @@ LEAST = 35.0  # dB of PSNR; the browser shows exact pixels, rounded where it sca
 
 @pytest.fixture(scope="module")
 def views() -> list[ibr.DepthImage]:
-    """Views from two positions of a ball before a bumpy wall."""
-    made = []
-    for x in (0.0, 0.4):
-        camera = ibr.Camera([[220, 0, 119.5], [0, 220, 89.5], [0, 0, 1]], (240, 180)).moved(x, 0, 0)
-        pixels = np.stack(np.meshgrid(np.arange(240), np.arange(180)), -1).reshape(-1, 2)
-        rays = camera.unproject(pixels, np.ones(43200))
-        rays = (rays - camera.center).reshape(180, 240, 3)
-        point = camera.center + 3 * rays
-        depth = 3 + 0.1 * np.sin(4 * point[..., 0]) * np.cos(5 * point[..., 1])
-        middle = np.array([0.2, 0.0, 2.0]) - camera.center
-        b, c = (rays @ middle), middle @ middle - 0.4**2
-        a = (rays * rays).sum(-1)
-        inside = b * b - a * c
-        ball = np.where(inside > 0, (b - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
-        depth = np.minimum(depth, ball)
-        seen = camera.center + depth[..., None] * rays
-        color = np.stack([np.sin(9 * seen[..., 0]), np.sin(7 * seen[..., 1]), np.where(ball < 3, 1.0, -0.6)], -1)
-        made.append(ibr.DepthImage((127.5 + 110 * color).astype(np.uint8), depth.astype(np.float32), camera))
-    return made
+    """Views of a ring from two positions."""
+    ring = models.donut(48)
+    scene = MeshScene.from_mesh(ibr.Mesh(ring.vertices + np.float32([0.2, 0, 1.8]), ring.faces))
+    camera = ibr.Camera([[220, 0, 119.5], [0, 220, 89.5], [0, 0, 1]], (240, 180))
+    return [scene.capture(camera.moved(x, 0, 0)) for x in (0.0, 0.4)]
 
 
 @dataclass
