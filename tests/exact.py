@@ -1,4 +1,4 @@
-"""Pixels of a warp with a wrong depth, and pixels where rounding decides which depth is right."""
+"""Frames of equal bits, pixels of a warp with a wrong depth, and pixels where rounding decides which depth is right."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
+from pyibr.images import Frame
 from tests.scenes import moved_aside
 
 Array = NDArray[Any]
@@ -18,6 +19,13 @@ OFF = 0.01  # relative: with a larger depth error, a pixel shows another place o
 # last bits hold edges. That is up to 8 ulp of depth, and two inversions add 2.
 KEPT_ULP = 10
 HAIR = 0.002  # target pixels: kernels treat a ray that passes a sample within half of this as a ray through it
+
+
+def same_bits(a: Frame, b: Frame) -> None:
+    """Assert that two frames show the same pixels, with the same bits of depth and colour."""
+    np.testing.assert_array_equal(a.valid, b.valid)
+    np.testing.assert_array_equal(a.depth.view(np.uint32), b.depth.view(np.uint32))
+    np.testing.assert_array_equal(a.color, b.color)
 
 
 def off(found: Array, expected: Array) -> Array:

@@ -1,6 +1,6 @@
 """Target cameras for every case of the epipolar geometry, for the scenes of `tools.scenes`."""
 
-from __future__ import annotations
+from __future__ import annotations  # noqa: I001 (the names of tools.scenes stand in one list)
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,51 +11,19 @@ from pyibr.core.camera import Camera, Projection
 from pyibr.images import DepthImage
 from tools.scenes import (
     Array as Array,
-)
-from tools.scenes import (
     Size as Size,
-)
-from tools.scenes import (
     flat as flat,
-)
-from tools.scenes import (
     holed as holed,
-)
-from tools.scenes import (
     image_coordinates as image_coordinates,
-)
-from tools.scenes import (
-    plane_depth as plane_depth,
-)
-from tools.scenes import (
     pose as pose,
-)
-from tools.scenes import (
     ramp_and_empty as ramp_and_empty,
-)
-from tools.scenes import (
     scene as scene,
-)
-from tools.scenes import (
     smooth as smooth,
-)
-from tools.scenes import (
-    smooth_depth as smooth_depth,
-)
-from tools.scenes import (
     source_camera as source_camera,
-)
-from tools.scenes import (
     stepped as stepped,
-)
-from tools.scenes import (
-    stepped_depth as stepped_depth,
-)
-from tools.scenes import (
     texture as texture,
 )
 
-SIZES: tuple[Size, ...] = ((1, 1), (7, 13), (61, 37), (64, 64), (96, 128))
 _CELLS = 6  # the search for cameras divides the target image into 6 x 6 cells, and counts the cells with surface
 REGIONS = "ABCDEFGHI"  # row by row: A is above and left of the image, E inside it, I below and right
 

@@ -11,7 +11,6 @@ from pyibr.core.camera import Camera
 from pyibr.depthmesh import Segmentation
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, rough
-from tests.one_lane import one_lane
 
 SIZES = [(2, 2), (2, 9), (12, 2), (7, 13), (61, 37), (64, 33)]
 WHOLE = Segmentation("none")
@@ -29,8 +28,11 @@ def plane(size: scenes.Size, projection: str, x0: int = 0) -> tuple[ibr.DepthIma
     return ibr.DepthImage(np.ascontiguousarray(color), depth.astype(np.float32), camera), normal
 
 
-def check_own_camera(size: scenes.Size, projection: str) -> None:
-    """Assert that a view's mesh covers its camera's picture, also at twice the resolution or with samples=4."""
+@pytest.mark.usefixtures("lanes")
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("size", SIZES)
+def test_a_view_is_covered_at_its_own_camera(size, projection):
+    """A view's mesh covers its camera's picture, also at twice the resolution or with samples=4."""
     view = rough(np.random.default_rng(3), size, projection, 0.05)
     thing, (width, height) = ibr.DepthMesh(view, tolerance=0, segmentation=WHOLE), size
     frame = ibr.render(thing, view.camera)
@@ -41,19 +43,6 @@ def check_own_camera(size: scenes.Size, projection: str) -> None:
     assert ibr.render(thing, view.camera.resized((2 * width, 2 * height))).valid.all()
     several = ibr.render(thing, view.camera, samples=4)
     assert several.alpha is not None and (several.alpha == 1).all()
-
-
-@pytest.mark.parametrize("projection", PROJECTIONS)
-@pytest.mark.parametrize("size", SIZES)
-def test_a_view_is_covered_at_its_own_camera(size, projection):
-    check_own_camera(size, projection)
-
-
-@pytest.mark.thorough
-def test_a_view_is_covered_at_its_own_camera_in_one_lane():
-    with one_lane():
-        for size, projection in (((2, 2), "perspective"), ((7, 13), "orthographic"), ((61, 37), "perspective")):
-            check_own_camera(size, projection)
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)

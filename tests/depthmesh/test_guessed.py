@@ -13,12 +13,10 @@ import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from tests.depthmesh.test_closing import SIZE, donut, knot
-from tests.one_lane import one_lane
 from tests.shadowed import box
 
 o3d = pytest.importorskip("open3d")
 
-LANES = ["many", pytest.param("one", marks=pytest.mark.thorough)]
 SCENES = {"donut": (donut, (2, -2, 2)), "knot": (knot, (5.1, -4.7, 6.2))}
 
 
@@ -54,17 +52,12 @@ def differs(frame: ibr.Frame, other: ibr.Frame) -> np.ndarray:
     return (frame.valid != other.valid) | (frame.valid & other.valid & (frame.depth != other.depth))
 
 
-@pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", SCENES)
 def test_guessed_is_exactly_what_is_closed(name, lanes):
-    if lanes == "one":
-        with one_lane():
-            closed, bare = closed_and_open(name)
-    else:
-        closed, bare = closed_and_open(name)
+    closed, bare = closed_and_open(name)
     assert told(closed).sum() > 300
     np.testing.assert_array_equal(told(closed), differs(closed, bare))
-    if lanes == "one":  # with several lanes, all pixels of a block use one level of detail
+    if lanes == 1:  # with several lanes, all pixels of a block use one level of detail
         np.testing.assert_array_equal(closed.color[~told(closed)], bare.color[~told(closed)])
     assert bare.guessed is None
 
@@ -109,20 +102,12 @@ def test_what_is_not_guessed_measures_better(name):
     assert off[both & ~told(frame)].mean() < 0.2 * off[both & told(frame)].mean()
 
 
-@pytest.mark.parametrize("lanes", LANES)
-def test_of_several_samples_any_may_be_guessed(lanes):
+@pytest.mark.usefixtures("lanes")
+def test_of_several_samples_any_may_be_guessed():
     _, views, camera = drawn("donut")
     thing = ibr.DepthMeshObject(views)
-
-    def frames() -> tuple[ibr.Frame, ibr.Frame]:
-        fine = camera.resized((3 * camera.width, 3 * camera.height))
-        return ibr.render(thing, camera, samples=9), ibr.render(thing, fine)
-
-    if lanes == "one":
-        with one_lane():
-            frame, fine = frames()
-    else:
-        frame, fine = frames()
+    frame = ibr.render(thing, camera, samples=9)
+    fine = ibr.render(thing, camera.resized((3 * camera.width, 3 * camera.height)))
     any_of_nine = told(fine).reshape(camera.height, 3, camera.width, 3).any(axis=(1, 3))
     np.testing.assert_array_equal(told(frame), any_of_nine)
 

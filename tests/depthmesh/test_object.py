@@ -20,9 +20,9 @@ from pyibr.opencl.watch import watching
 from tests import scenes
 from tests.builds import Builds
 from tests.depthmesh.views import DIRECTIONS, PROJECTIONS, SIZE, rough, six, target
+from tests.exact import same_bits
 from tests.reference import depthmesh as reference
 from tests.slicing.solids import looking, torus, views_of_torus
-from tests.warp.test_laws import same_bits
 
 BLENDS = ("quality", "position", "nearest")
 

@@ -15,7 +15,6 @@ from pyibr.depthmesh.selection import Selection, select_for
 from pyibr.opencl.watch import LaunchTimes, watching
 from tests import scenes
 from tests.depthmesh.views import rough, some_camera, some_mesh
-from tests.one_lane import one_lane
 
 
 def nudged(rng: np.random.Generator, camera: Camera, by: float) -> Camera:
@@ -38,11 +37,11 @@ def needs_more(thing: ibr.DepthMesh, kept: Selection, camera: Camera) -> bool:
     return bool(((needed > 0) & (kept.active[0].to_host() == 0))[:, :width].any())
 
 
-def check_held_selections(rounds: int) -> None:
-    """Assert that a selection is reused for small moves only, and then contains all vertices that are needed."""
+def test_held_selections_are_enough(lanes):
+    """A selection is reused for small moves only, and then contains all vertices that are needed."""
     rng = np.random.default_rng(5)
     held = {by: [] for by in (0.0, 0.01, 0.1, 1.0)}
-    for number in range(rounds):
+    for number in range(40 if lanes == 16 else 8):
         thing = some_mesh(rng, number)
         camera = some_camera(rng, thing.view)
         for tolerance, reuse in ((1.0, 0.1), (4.0, 0.4)):
@@ -53,16 +52,6 @@ def check_held_selections(rounds: int) -> None:
                 assert not (held_there[-1] and needs_more(thing, kept, other)), (number, by, tolerance)
     assert all(held[0.0])
     assert np.mean(held[0.01]) > 0.3 and np.mean(held[1.0]) < np.mean(held[0.1]) < np.mean(held[0.01])
-
-
-def test_held_selections_are_enough():
-    check_held_selections(40)
-
-
-@pytest.mark.thorough
-def test_held_selections_are_enough_in_one_lane():
-    with one_lane():
-        check_held_selections(8)
 
 
 def test_they_hold_no_longer_than_they_are_enough():

@@ -9,7 +9,7 @@ import pyibr as ibr
 from pyibr.depthmesh import Segmentation
 from tests import scenes
 from tests.depthmesh.views import DIRECTIONS, PROJECTIONS, six, target
-from tests.warp.test_laws import same_bits
+from tests.exact import same_bits
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)

@@ -130,27 +130,19 @@ def test_who_draws_later_keeps_what_is_nearer(name, projection):
         np.testing.assert_array_equal(both.valid, a.valid | b.valid)
 
 
-@pytest.mark.parametrize("lanes", [pytest.param(1, marks=pytest.mark.thorough), 16])
+@pytest.mark.usefixtures("lanes")
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_equally_far_stays(name, projection, lanes):
+def test_what_is_equally_far_stays(name, projection):
     """Depths are compared; by rounded nearness (1/depth), 6 % of a slanted surface's pixels would be replaced."""
-    drawable, view = as_drawable(systems()[name]), camera(projection)
-
-    def again() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        with one_call():
-            target = Target(view, np.dtype(np.uint8))
-            drawable.draw(target, None)
-            depth = target.depth.to_host().copy()
-            target.color.fill(1)
-            drawable.draw(target, None)
-            return depth, target.depth.to_host().copy(), target.color.to_host().copy()
-
-    if lanes == 16:
-        before, after, color = again()
-    else:
-        with one_lane():
-            before, after, color = again()
+    drawable = as_drawable(systems()[name])
+    with one_call():
+        target = Target(camera(projection), np.dtype(np.uint8))
+        drawable.draw(target, None)
+        before = target.depth.to_host().copy()
+        target.color.fill(1)
+        drawable.draw(target, None)
+        after, color = target.depth.to_host().copy(), target.color.to_host().copy()
     assert np.isfinite(before).sum() > 500
     np.testing.assert_array_equal(after, before)
     assert (color == 1).all()

@@ -10,7 +10,6 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
 from pyibr.picture.normals import _radius, normals_of
-from tests.one_lane import one_lane
 from tests.reference.normals import fitted_normals
 
 PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
@@ -38,8 +37,8 @@ def degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (7, 1), (2, 2), (13, 7), (37, 29)])
-@pytest.mark.parametrize("lanes", [pytest.param(1, marks=pytest.mark.thorough), 16])
-def test_they_are_those_of_the_reference(size, projection, lanes):
+@pytest.mark.usefixtures("lanes")
+def test_they_are_those_of_the_reference(size, projection):
     """Estimates equal the reference for rough depths with holes and steps."""
     rng, camera = np.random.default_rng(3), camera_of(size, projection)
     y, x = np.mgrid[: size[1], : size[0]]
@@ -47,11 +46,7 @@ def test_they_are_those_of_the_reference(size, projection, lanes):
     depth[rng.random(depth.shape) < 0.2] = np.nan
     depth.flat[0] = 3
     view = ibr.DepthImage(None, depth.astype(np.float32), camera)
-    if lanes == 1:
-        with one_lane():
-            found = normals_of(view)
-    else:
-        found = normals_of(view)
+    found = normals_of(view)
     expected = fitted_normals(view, _radius(view))
     assert np.isfinite(found).all()
     # REGULARIZATION reduces slopes by 1e-4 (1 + k), where k is the ratio of the spreads of samples along two axes: for

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -22,13 +21,10 @@ from pyibr.picture.surface import make_surface, straightness_test, surface_of
 from tests import scenes
 from tests.data import shared
 from tests.exact import KEPT_ULP
-from tests.one_lane import one_lane
 from tests.reference.edges import edges_of, with_ring
 
 Array = NDArray[Any]
 PROJECTIONS: tuple[Projection, ...] = ("perspective", "orthographic")
-LANES = {"wide": nullcontext, "one lane": one_lane}
-FORMS = ["wide", pytest.param("one lane", marks=pytest.mark.thorough)]
 F = 525.0
 CAMERA = ibr.Camera([[F, 0, 319.5], [0, F, 239.5], [0, 0, 1]], (640, 480))
 DOWN = np.arange(480)[:, None] - CAMERA.K[1, 2] + np.zeros(640)
@@ -65,17 +61,15 @@ def surface_on_host(view: ibr.DepthImage, cut_ratio: float | None, connected: bo
     return made, made.view(np.int32) & 7
 
 
-@pytest.mark.parametrize("lanes", FORMS)
+@pytest.mark.usefixtures("lanes")
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (6, 1), (2, 2), (7, 13), (61, 37)], ids=str)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 @pytest.mark.parametrize(("edges", "cut_ratio"), [("cut", None), ("cut", 1.05), ("connect", None)])
-def test_edges_and_ring_are_the_references(lanes, size, projection, edges, cut_ratio):
-    within: AbstractContextManager[None] = LANES[lanes]()
+def test_edges_and_ring_are_the_references(size, projection, edges, cut_ratio):
     view = rough(size, projection)
     if not view.valid.any():
         view = scenes.flat(size, projection)
-    with within:
-        near, bits = surface_on_host(view, cut_ratio, edges == "connect")
+    near, bits = surface_on_host(view, cut_ratio, edges == "connect")
     expected, torn = with_ring(view, edges_of(view, edges, cut_ratio))
     there = np.isfinite(expected)
     np.testing.assert_array_equal(near > -1e37, there)
@@ -88,18 +82,16 @@ def test_edges_and_ring_are_the_references(lanes, size, projection, edges, cut_r
         np.testing.assert_array_equal((bits & bit != 0)[inside], found[inside], err_msg=str(bit))
 
 
-@pytest.mark.parametrize("lanes", FORMS)
+@pytest.mark.usefixtures("lanes")
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (8, 7), (7, 13), (61, 37), (143, 96)], ids=str)
 @pytest.mark.parametrize("projection", PROJECTIONS)
-def test_bounds_are_those_of_the_samples_around_each_cell(lanes, size, projection):
-    within: AbstractContextManager[None] = LANES[lanes]()
+def test_bounds_are_those_of_the_samples_around_each_cell(size, projection):
     view = rough(size, projection)
     if not view.valid.any():
         view = scenes.flat(size, projection)
-    with within:
-        near, _ = surface_on_host(view, None, False)
-        with one_call():
-            bounds = surface_of(view, None).bounds.to_host().copy()
+    near, _ = surface_on_host(view, None, False)
+    with one_call():
+        bounds = surface_of(view, None).bounds.to_host().copy()
     step = int(constant("lib/bounds.h", "BOUNDS_STEP"))
     width, height = size
     assert bounds.shape == (height // step + 1, width // step + 1, 2)
@@ -294,14 +286,13 @@ def test_real_rooms_are_torn_at_their_depth_edges_alone():
             assert 5e-4 < share < 0.02, (kind, file.name, share)
 
 
-@pytest.mark.parametrize("lanes", FORMS)
-def test_all_margins_are_found_where_every_sample_is_torn_off(lanes: str):
+@pytest.mark.usefixtures("lanes")
+def test_all_margins_are_found_where_every_sample_is_torn_off():
     """The margins outgrow their first buffer: each quarter of each pixel is one, except at the border."""
-    lanes_of: AbstractContextManager[Any] = LANES[lanes]()
     height, width = 40, 50
     depth = 3.0 + np.indices((height, width)).sum(axis=0) % 3
     camera = ibr.Camera([[F, 0, 24.5], [0, F, 19.5], [0, 0, 1]], (width, height))
-    with lanes_of, one_call():
+    with one_call():
         margins = surface_of(image(depth, camera), 1.05).margins
         quarters = margins.quarters.to_host()[:, : margins.count]
     x, y, bits = (quarters[int(constant("lib/margins.h", f"MARGIN_{name}"))] for name in ("X", "Y", "BITS"))

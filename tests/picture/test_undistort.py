@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-
 import numpy as np
 import pytest
 
 import pyibr as ibr
-from tests.one_lane import one_lane
 from tests.reference import undistort
 
 BARREL = ibr.Lens("brown_conrady", [-0.25, 0.06, 0.003, -0.002])
@@ -46,13 +43,12 @@ def check(view: ibr.DepthImage, cut_ratio: float | None, linear: bool) -> None:
     assert np.isfinite(found.depth).mean() > 0.6
 
 
-@pytest.mark.parametrize("lanes", [16, pytest.param(1, marks=pytest.mark.thorough)])
+@pytest.mark.usefixtures("lanes")
 @pytest.mark.parametrize("dtype", ["uint8", "float32", "none"])
 @pytest.mark.parametrize("lens", LENSES)
-def test_as_the_slow_twin(lens, dtype, lanes):
-    with nullcontext() if lanes == 16 else one_lane():
-        for cut_ratio, linear in ((1.05, True), (1.02, False), (None, True)):
-            check(noisy_view((83, 61), LENSES[lens], dtype), cut_ratio, linear)
+def test_as_the_slow_twin(lens, dtype):
+    for cut_ratio, linear in ((1.05, True), (1.02, False), (None, True)):
+        check(noisy_view((83, 61), LENSES[lens], dtype), cut_ratio, linear)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (13, 1), (2, 2), (7, 13)])

@@ -9,7 +9,6 @@ import pyibr as ibr
 from pyibr.capture import MeshScene
 from pyibr.capture.raycast import spread_directions
 from pyibr.core.camera import Camera
-from tests.one_lane import one_lane
 from tests.slicing.solids import revolved
 
 PROJECTIONS = ("perspective", "orthographic")
@@ -42,8 +41,11 @@ def test_a_ball_is_as_large_as_it_is(count, projection):
     assert abs(frame.depth[200, 200] - truth.depth[200, 200]) <= 0.5 / 28
 
 
-def check_wall(size: tuple[int, int], projection: str) -> None:
-    """Assert that a wall which fills its image is drawn up to the image's border, and no farther."""
+@pytest.mark.usefixtures("lanes")
+@pytest.mark.parametrize("projection", PROJECTIONS)
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 13)])
+def test_a_wall_fills_its_image(size, projection):
+    """The wall is drawn up to the image's border, and no farther."""
     width, height = size
     camera = Camera([[20, 0, (width - 1) / 2], [0, 20, (height - 1) / 2], [0, 0, 1]], size, projection=projection)
     view = ibr.DepthImage(np.full((height, width, 3), 90, np.uint8), np.full((height, width), 4, np.float32), camera)
@@ -57,16 +59,3 @@ def check_wall(size: tuple[int, int], projection: str) -> None:
     columns, rows = (np.flatnonzero(frame.valid.any(axis=axis)) for axis in (0, 1))
     for found, count in ((columns, width), (rows, height)):
         assert abs(found[0] - 2 * count) <= 1 and abs(found[-1] - (6 * count - 1)) <= 1
-
-
-@pytest.mark.parametrize("projection", PROJECTIONS)
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 13)])
-def test_a_wall_fills_its_image(size, projection):
-    check_wall(size, projection)
-
-
-@pytest.mark.thorough
-def test_a_wall_fills_its_image_in_one_lane():
-    with one_lane():
-        for size, projection in (((1, 9), "perspective"), ((7, 13), "orthographic")):
-            check_wall(size, projection)

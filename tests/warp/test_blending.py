@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from itertools import permutations
 
 import numpy as np
@@ -13,7 +12,6 @@ from benchmarks import scenes as real
 from pyibr.images.exposure import compared_colors
 from tests import scenes
 from tests.data import shared
-from tests.one_lane import one_lane
 
 SIZE = (61, 37)
 
@@ -21,12 +19,6 @@ SIZE = (61, 37)
 def plane(depth: float, color: int, camera: ibr.Camera) -> ibr.DepthImage:
     shape = camera.height, camera.width
     return ibr.DepthImage(np.full((*shape, 3), color, np.uint8), np.full(shape, depth, np.float32), camera)
-
-
-@pytest.fixture(params=[16, pytest.param(1, marks=pytest.mark.thorough)])
-def lanes(request):
-    with one_lane() if request.param == 1 else nullcontext():
-        yield
 
 
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from types import FrameType
 
 import pytest
@@ -14,7 +13,7 @@ import pyibr as ibr
 from pyibr.opencl import launch, memory
 from pyibr.opencl.watch import Traffic, watching
 from tests import scenes
-from tests.one_lane import one_lane, skip_where_unused
+from tests.one_lane import skip_where_unused
 
 _SIZE = (67, 61)
 
@@ -70,27 +69,25 @@ def test_a_small_mesh_is_few_calls():
         ((0.2, 0.0, 0.0), ["epipolar_sweep", "draw_patches", "resolve"]),
     ],
 )
-@pytest.mark.parametrize("lanes", ["wide", pytest.param("one", marks=pytest.mark.thorough)])
 def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytest.MonkeyPatch):
-    skip_where_unused(16 if lanes == "wide" else 1)
+    skip_where_unused(lanes)
     view = scenes.smooth(_SIZE)
     depth = view.depth.copy()
     depth[20:40, 20:40] = 1.0
     camera = view.camera.moved(*moved)
     prepares = ["find_noise", "prepare"]
-    if lanes == "one":  # for GPUs, `prepare` is four launches; segments of lines need cleared pixels
+    if lanes == 1:  # for GPUs, `prepare` is four launches; segments of lines need cleared pixels
         prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
         launches = ["clear", *(name for name in launches if name != "clear")]
         launches.insert(1, "bound_surface")
     taken = list[int]()
     take = memory._take
     monkeypatch.setattr(memory, "_take", lambda session, size: taken.append(size) or take(session, size))
-    with one_lane() if lanes == "one" else nullcontext():
-        ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)  # fills the caches
-        taken.clear()
-        with watching(Traffic()) as seen:
-            ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)
+    ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)  # fills the caches
+    taken.clear()
+    with watching(Traffic()) as seen:
+        ibr.warp(ibr.DepthImage(view.color, depth, view.camera), camera)
     assert [name for what, name, _ in seen.of if what == "launch"] == [*prepares, *launches]
     assert sum(what == "wait" for what, _, _ in seen.of) == 2
     assert sum(what == "upload" for what, _, _ in seen.of) == 3  # depth, colours and groups of lines
-    assert len(taken) <= (13 if lanes == "wide" else 18)
+    assert len(taken) <= (13 if lanes == 16 else 18)

@@ -14,17 +14,11 @@ from pyibr.opencl.watch import watching
 from pyibr.warp.view import WarpOptions
 from tests import scenes
 from tests.builds import Builds
-from tests.exact import KEPT_ULP
+from tests.exact import KEPT_ULP, same_bits
 
 PROJECTIONS = ("perspective", "orthographic")
 METHODS = ("epipolar", "search", "forward")
 SIZE = (96, 64)
-
-
-def same_bits(a: ibr.Frame, b: ibr.Frame) -> None:
-    np.testing.assert_array_equal(a.valid, b.valid)
-    np.testing.assert_array_equal(a.depth.view(np.uint32), b.depth.view(np.uint32))
-    np.testing.assert_array_equal(a.color, b.color)
 
 
 def pinhole(size: scenes.Size, focal: float = 60.0) -> Camera:

@@ -5,7 +5,6 @@ These parts are margins, half a sample wide beyond the outermost samples, and sh
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from itertools import permutations
 
 import numpy as np
@@ -13,7 +12,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.opencl.watch import Traffic, watching
-from tests.one_lane import one_lane
+from tests.exact import same_bits
 
 SIZE = (61, 47)
 TARGET = (183, 141)  # size of the target, which has three pixels per sample in x and in y
@@ -237,15 +236,13 @@ def test_bridges_by_number_stay():
     assert ((depth > 1.75) & (depth < 2.8)).sum() > 100
 
 
-@pytest.mark.parametrize("lanes", [16, pytest.param(1, marks=pytest.mark.thorough)])
-def test_the_order_of_views_changes_no_bit(lanes):
-    with one_lane() if lanes == 1 else nullcontext():
-        views = [textured(camera, card_at(camera, np.inf)[0]) for camera in map(camera_at, EYES)] + ramp_views()[:1]
-        camera = camera_at(BETWEEN, TARGET)
-        first, *others = (ibr.warp(order, camera) for order in list(permutations(views))[::7])
-        for other in others:
-            np.testing.assert_array_equal(first.color, other.color)
-            np.testing.assert_array_equal(first.depth, other.depth)
+@pytest.mark.usefixtures("lanes")
+def test_the_order_of_views_changes_no_bit():
+    views = [textured(camera, card_at(camera, np.inf)[0]) for camera in map(camera_at, EYES)] + ramp_views()[:1]
+    camera = camera_at(BETWEEN, TARGET)
+    first, *others = (ibr.warp(order, camera) for order in list(permutations(views))[::7])
+    for other in others:
+        same_bits(first, other)
 
 
 def test_it_is_found_once_for_a_set():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from contextlib import nullcontext
 from itertools import pairwise, permutations
 
 import numpy as np
@@ -18,17 +17,11 @@ from pyibr.opencl.watch import Traffic, watching
 from pyibr.picture.surface import surface_of
 from pyibr.warp import blending
 from tests import scenes
-from tests.one_lane import one_lane
+from tests.exact import same_bits
 
 SIZE = (61, 37)
 FEATHER = int(constant("warp/view_edges.cl", "FEATHER"))
 STEPS = int(constant("warp/view_edges.cl", "STEPS"))
-
-
-@pytest.fixture(params=[16, pytest.param(1, marks=pytest.mark.thorough)])
-def lanes(request):
-    with one_lane() if request.param == 1 else nullcontext():
-        yield
 
 
 def several(count: int, size=SIZE, apart: float = 0.02) -> list[ibr.DepthImage]:
@@ -41,11 +34,6 @@ def several(count: int, size=SIZE, apart: float = 0.02) -> list[ibr.DepthImage]:
         gain = 0.6 + 0.4 * (number * 0.618 % 1)
         made.append(ibr.DepthImage((frame.color * gain).astype(np.uint8), frame.depth, camera))
     return made
-
-
-def same(one: ibr.Frame, other: ibr.Frame) -> None:
-    for name in ("color", "depth", "valid"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def hold(monkeypatch: pytest.MonkeyPatch, layers: int) -> None:
@@ -65,7 +53,7 @@ def test_the_order_of_views_changes_no_bit():
     for _ in range(2):
         order = rng.permutation(len(views))
         other = ibr.warp([views[k] for k in order], target, classes=True)
-        same(first, other)
+        same_bits(first, other)
         assert first.view is not None and first.source is not None
         assert other.view is not None and other.source is not None
         np.testing.assert_array_equal(first.view[first.valid], order[other.view[other.valid]])
@@ -97,7 +85,7 @@ def test_the_order_of_views_that_are_equally_near_changes_no_bit(method, blend, 
     assert not first.valid.all()
     for order in list(permutations(range(len(views))))[5::9]:
         frame = ibr.warp([views[k] for k in order], camera, method=method, blend=blend, fill=fill, classes=told)
-        same(first, frame)
+        same_bits(first, frame)
         if told:
             np.testing.assert_array_equal(first.classes, frame.classes)
             np.testing.assert_array_equal(first.source, frame.source)
@@ -114,7 +102,7 @@ def test_two_views_as_far_apart_as_one_surface_may_be_are_so_in_either_order():
 
     for apart in (1.019, 1.02, 1.0202, 1.0204, 1.021):
         pair = [view(1, 3.0), view(1.5, 3.0 * apart)]
-        same(*(ibr.warp(views, camera.moved(0.01, 0, 0)) for views in (pair, pair[::-1])))
+        same_bits(*(ibr.warp(views, camera.moved(0.01, 0, 0)) for views in (pair, pair[::-1])))
 
 
 @pytest.mark.usefixtures("lanes")
@@ -135,7 +123,7 @@ def test_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(monkey
     held = ibr.warp(views, target, **how)
     for layers in (1, 3):
         hold(monkeypatch, layers)
-        same(held, ibr.warp(views, target, **how))
+        same_bits(held, ibr.warp(views, target, **how))
         if "classes" in how:
             twice = ibr.warp(views, target, **how)
             np.testing.assert_array_equal(held.view, twice.view)
@@ -149,7 +137,7 @@ def test_relit_layers_that_are_drawn_twice_give_the_bits_of_those_that_are_held(
     light = ibr.Light(position=camera.center + 1, relight=True, shadow_size=64)
     held = ibr.render([thing], camera, light)
     hold(monkeypatch, 2)
-    same(held, ibr.render([thing], camera, light))
+    same_bits(held, ibr.render([thing], camera, light))
 
 
 def test_work_is_linear_in_the_views(monkeypatch):

@@ -13,8 +13,8 @@ from benchmarks.launches import counted_samples
 from pyibr.core.camera import Projection
 from pyibr.opencl.watch import Traffic, watching
 from tests import scenes
+from tests.exact import same_bits
 from tests.one_lane import one_lane
-from tests.warp.test_laws import same_bits
 
 pytestmark = pytest.mark.thorough
 

@@ -11,8 +11,7 @@ import pyibr as ibr
 from pyibr.opencl.memory import DeviceArray
 from pyibr.picture.target import Target
 from tests import scenes
-from tests.one_lane import one_lane
-from tests.warp.test_laws import same_bits
+from tests.exact import same_bits
 
 SIZE = (97, 61)
 
@@ -40,7 +39,8 @@ def blank(camera: ibr.Camera) -> ibr.Frame:
     return ibr.Frame(np.full((*shape, 3), 7, np.uint8), np.full(shape, 7, np.float32), np.ones(shape, bool), camera)
 
 
-def check_given_frames() -> None:
+@pytest.mark.usefixtures("lanes")
+def test_given_frames_are_written():
     view = scenes.stepped(SIZE)
     cameras = targets(view)
     given = [blank(camera) for camera in cameras]
@@ -52,16 +52,6 @@ def check_given_frames() -> None:
         same_bits(frame, ibr.warp(view, camera))
     # A second call overwrites the previous content.
     same_bits(ibr.warp(view, cameras[1], out=given[0]), ibr.warp(view, cameras[1]))
-
-
-def test_given_frames_are_written():
-    check_given_frames()
-
-
-@pytest.mark.thorough
-def test_given_frames_are_written_where_memory_is_copied():
-    with one_lane():
-        check_given_frames()
 
 
 @pytest.mark.parametrize(
@@ -104,7 +94,9 @@ def test_out_fits_the_cameras():
         ibr.warp(view, [camera, None])
 
 
-def check_memory_that_is_not_blank(monkeypatch: pytest.MonkeyPatch, step: tuple[float, float]) -> None:
+@pytest.mark.usefixtures("lanes")
+@pytest.mark.parametrize("step", [(0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2), (0.2, 0.1)])
+def test_what_earlier_calls_left_in_memory_shows_nowhere(monkeypatch, step):
     view = scenes.stepped(SIZE)
     camera = view.camera.moved(*step, 0)
     K = np.add(camera.K, [[0, 0, 17], [0, 0, 29], [0, 0, 0]])  # no source in its first rows and columns
@@ -120,21 +112,6 @@ def check_memory_that_is_not_blank(monkeypatch: pytest.MonkeyPatch, step: tuple[
 
     monkeypatch.setattr(Target, "scratch", written)
     same_bits(ibr.warp(view, larger), expected)
-
-
-STEPS = [(0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2), (0.2, 0.1)]
-
-
-@pytest.mark.parametrize("step", STEPS)
-def test_what_earlier_calls_left_in_memory_shows_nowhere(monkeypatch, step):
-    check_memory_that_is_not_blank(monkeypatch, step)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("step", STEPS)
-def test_what_earlier_calls_left_in_memory_shows_nowhere_in_one_lane(monkeypatch, step):
-    with one_lane():
-        check_memory_that_is_not_blank(monkeypatch, step)
 
 
 def test_targets_that_see_nothing_are_told_by_their_numbers():

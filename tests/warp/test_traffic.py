@@ -17,8 +17,8 @@ from pyibr.picture.samples import view_of
 from pyibr.picture.target import Target
 from pyibr.warp.view import WarpedView
 from tests import scenes
+from tests.exact import same_bits
 from tests.one_lane import one_lane
-from tests.warp.test_laws import same_bits
 
 _GROUPS = 4 * 5  # largest number of groups of epipolar lines: fans times spacings (`pyibr.warp.lines`)
 _CAMERA = _GROUPS * struct("warp/lines.h", "LineGroup").itemsize  # bytes of all groups of a target's lines
