@@ -76,8 +76,9 @@ def finely_displaced(base: ibr.Mesh, height: np.ndarray, scale: float, tiles: tu
 
 
 def interior(truth: np.ndarray, jump: float = 0.03) -> np.ndarray:
-    """(H, W) bool: pixels with depth, more than 3 pixels from a depth difference above `jump` between neighbours."""
-    z = np.where(np.isfinite(truth), truth, 100.0).astype(np.float32)
+    """(H, W) bool: pixels with depth, more than 3 pixels from silhouettes, and from depth steps larger than `jump`."""
+    solid = np.isfinite(truth)
+    z = np.where(solid, truth, truth[solid].max(initial=0) + 10 * jump).astype(np.float32)
     around = np.ones((3, 3))
     edges = (cv2.dilate(z, around) - cv2.erode(z, around) > jump).astype(np.uint8)
-    return np.isfinite(truth) & ~cv2.dilate(edges, np.ones((7, 7))).astype(bool)
+    return solid & ~cv2.dilate(edges, np.ones((7, 7))).astype(bool)

@@ -101,14 +101,14 @@ def true_shares(scene: Any, light: ibr.Light, points: np.ndarray, normals: np.nd
     return (seen & faces).reshape(points.shape[:2])
 
 
-def edges(of: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels within 3 pixels of a change in a boolean image, or of a step in depth of more than 0.15."""
+def edges(of: np.ndarray, jump: float = 0.15) -> np.ndarray:
+    """(H, W) bool: pixels within 3 pixels of a change in a boolean image, or of a step in depth of more than `jump`."""
     if of.dtype == bool:
         low, high = (f(of.astype(np.uint8), np.ones((3, 3))) for f in (cv2.erode, cv2.dilate))
         at = low != high
     else:
         z = np.where(np.isfinite(of), of, 1e3)
-        at = cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > 0.15
+        at = cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > jump
     return cv2.dilate(at.astype(np.uint8), np.ones((5, 5))) > 0
 
 

@@ -12,8 +12,9 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
-from tests.depthmesh.test_closing import SIZE, donut, knot
+from tests.depthmesh.test_closing import SIZE, donut
 from tests.shadowed import box
+from tests.slicing.solids import knot
 
 o3d = pytest.importorskip("open3d")
 

@@ -57,9 +57,9 @@ def test_frames_from_one_place_are_told_by_where_they_look():
     scene = joined([box((0, 0, 0), (2, 2, 2))])
     views = [scene.capture(camera) for camera in cube_cameras((0.1, 0, 0), 65)]
     thing = ibr.DepthMeshObject(views, blended=3, closed=False)
-    for view in views:
+    for number, view in enumerate(views):
         assert ibr.render(thing, view.camera).valid.mean() > 0.95
-        assert thing.weights(view.camera)[[v is view for v in views]] > 0.3
+        assert thing.weights(view.camera).argmax() == number
 
 
 def test_frames_of_something_else_come_last():
@@ -124,16 +124,13 @@ def checkers() -> np.ndarray:
     return np.where((x + y) % 2, 40, 220).astype(np.uint8)[..., None].repeat(3, 2)
 
 
-def test_from_within_and_from_behind():
+def test_from_within():
     thing = ibr.DepthMeshObject(six())
     ring = torus().vertices[0]
     for eye in ((0, 0, 0), 0.5 * ring, ring, 0.999 * ring):
         frame = ibr.render(thing, Camera.look_at(eye, np.add(eye, (0.3, 2, 0.1)), (0, 0, 1), (41, 33), fov_y=80))
         np.testing.assert_array_equal(np.isfinite(frame.depth), frame.valid)
         assert (frame.depth[frame.valid] > 0).all()
-    away = ibr.render(thing, Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33)))
-    assert not away.valid.any() and (away.color == 0).all()
-    assert not thing.occupancy(Camera.look_at((0, 0, 9), (0, 0, 18), (0, 1, 0), (41, 33))).any()
 
 
 def test_many_triangles_in_a_large_picture():

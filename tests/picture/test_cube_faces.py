@@ -56,30 +56,7 @@ def test_meshes_are_drawn_as_rays_see_them(lens):
     check(ibr.render(models.donut(), camera), seen_by_rays(camera), 2e-3, 300)
 
 
-def test_capture_casts_the_lens_rays():
-    """Rays through a lens meet a wall at the points that OpenCV computes."""
-    wall = MeshScene([[-9, -9, 2], [9, -9, 2], [-9, 9, 2], [9, 9, 2]], [[0, 1, 2], [3, 2, 1]])
-    camera = ibr.Camera([[60, 0, 60], [0, 60, 48], [0, 0, 1]], SIZE, lens=BARREL)
-    view = wall.capture(camera)
-    assert view.valid.all()
-    np.testing.assert_allclose(view.depth, 2, rtol=1e-6)
-    slope = MeshScene([[-9, -60, 2], [60, -60, 25], [-9, 60, 2], [60, 60, 25]], [[0, 1, 2], [3, 2, 1]])
-    view = slope.capture(camera)
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    pixels = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.K).T
-    rays = truth.straight(camera, pixels)
-    np.testing.assert_allclose(view.depth, 5 / (1 - rays[..., 0] / 3), rtol=1e-5)  # z = 5 + x / 3
-    half = wall.capture(
-        ibr.Camera([[40, 0, 60], [0, 40, 48], [0, 0, 1]], SIZE, lens=ibr.Lens("brown_conrady", [-0.2] + [0] * 3))
-    )
-    assert 0.3 < half.valid.mean() < 0.9  # the rest is outside the lens's field of view
-    assert np.isinf(half.depth[0, 0])
-
-
-FEW = ["barrel", "fisheye", pytest.param("none", marks=pytest.mark.thorough)]
-
-
-@pytest.mark.parametrize("lens", FEW)
+@pytest.mark.parametrize("lens", ["barrel", "fisheye", "none"])
 def test_depth_objects_from_lenses(lens):
     views = [seen_by_rays(around(LENSES[lens], angle, height)) for angle in range(0, 360, 60) for height in (2.5, -2.5)]
     camera = around(FISHEYE if lens == "barrel" else None, 30)
@@ -91,7 +68,7 @@ def test_depth_objects_from_lenses(lens):
     assert (~hull.valid & ~truth.dilate(~expected.valid, 3)).mean() < 0.002
 
 
-@pytest.mark.parametrize("lens", FEW)
+@pytest.mark.parametrize("lens", ["barrel", "fisheye", "none"])
 def test_depth_meshes_from_lenses(lens):
     views = [seen_by_rays(around(LENSES[lens], angle)) for angle in (0, 25, 50)]
     camera = around(BARREL if lens == "fisheye" else None, 25)

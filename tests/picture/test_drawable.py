@@ -15,6 +15,7 @@ from pyibr.opencl.memory import copy, to_host, upload
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.target import Target
 from tests import scenes
+from tests.exact import same_bits
 from tests.one_lane import check_bounds, one_lane
 from tests.test_docs import ROOT, blocks_of
 
@@ -99,8 +100,7 @@ def test_who_draws_first_writes_every_pixel(name, projection, dtype):
     assert (frame.valid[~there] == 0).all()
     assert (frame.color[~there] == 0).all()
     assert frame.color.max() <= (255 if dtype == np.uint8 else 1)
-    for one, other in ((frame.color, plain.color), (frame.depth, plain.depth), (frame.valid, plain.valid)):
-        assert one.tobytes() == other.tobytes()
+    same_bits(frame, plain)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])

@@ -46,26 +46,6 @@ def test_directions_of_any_length(length):
     np.testing.assert_allclose(frames[0].color, frames[1].color, atol=1)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"color": (1e39, 0, 0)},
-        {"color": (255, 0, 1e7)},
-        {"color": (-1, 0, 0)},
-        {"specular": 1e39},
-        {"shininess": 1e39},
-        {"shininess": 0},
-        {"angle": 1e-9},
-        {"angle": 180},
-        {"position": (0, 0, 1e30)},
-    ],
-)
-def test_numbers_that_single_precision_does_not_hold_are_refused(changes):
-    argument = next(iter(changes))
-    with pytest.raises(ibr.ArgumentError, match=rf"^{argument}: "):
-        ibr.Light(**{"position": (0, 0, 1), "direction": (0, 0, -1), **changes})
-
-
 def test_the_brightest_light_is_white():
     frame = ibr.render(FLOOR, floor_seen()[0], ibr.Light(direction=(0, 0, -1), color=(1e6, 1e6, 1e6), specular=1e6))
     assert (frame.color == 255).all()
@@ -137,6 +117,13 @@ BAD = [
     ({"direction": (1, 0, 0), "ambient": -0.1}, "ambient", "0 to 1"),
     ({"direction": (1, 0, 0), "ambient": np.nan}, "ambient", "finite"),
     ({"direction": (1, 0, 0), "ambient": "half"}, "ambient", "numbers"),
+    # numbers that single precision does not hold
+    ({"direction": (1, 0, 0), "color": (1e39, 0, 0)}, "color", "from 0 to 1e"),
+    ({"direction": (1, 0, 0), "color": (255, 0, 1e7)}, "color", "from 0 to 1e"),
+    ({"direction": (1, 0, 0), "specular": 1e39}, "specular", "from 0 to 1e"),
+    ({"direction": (1, 0, 0), "shininess": 1e39}, "shininess", "> 0"),
+    ({"position": (1, 0, 0), "direction": (0, 1, 0), "angle": 1e-9}, "angle", "degrees"),
+    ({"position": (0, 0, 1e30)}, "position", "up to"),
 ]
 
 

@@ -14,6 +14,7 @@ from pyibr.capture import models, object_views
 from pyibr.core.camera import Camera
 from pyibr.opencl.watch import Traffic, watching
 from tests import scenes
+from tests.exact import same_bits
 
 CAMERA = Camera([[60, 0, 40], [0, 60, 30], [0, 0, 1]], (81, 61))
 
@@ -155,38 +156,6 @@ def test_a_float_picture_is_the_byte_one_unrounded():
     assert (frame.color[~on] == 0.5).all()  # depth images are not shaded
 
 
-def test_a_curved_depth_image_and_a_mesh_hide_each_other():
-    """Two surfaces intersect; each pixel shows the surface that is nearer in the pictures of each surface alone."""
-    source = scenes.smooth((96, 72))
-    camera = source.camera.moved(0.3, -0.1, 0.2)
-    corners = camera.unproject([[-10, -10], [110, -10], [110, 90], [-10, 90]], [3.2, 4.4, 4.4, 3.2])
-    sheet = ibr.Mesh(corners, [[0, 2, 1], [0, 3, 2]], colors=np.full((4, 3), 255, np.uint8))
-    a, b = ibr.render(source, camera), ibr.render(sheet, camera)
-    z = np.stack([np.where(frame.valid, frame.depth, np.inf) for frame in (a, b)])
-    first = z[0] <= z[1]
-    assert 500 < (first & a.valid & b.valid).sum() < 5000  # they intersect
-    expected = np.where(first[..., None], a.color, b.color)
-    tie = np.abs(z[0] - z[1]) <= 1e-5 * z[0]  # rounding may depend on the order
-    for order in ([source, sheet], [sheet, source]):
-        frame = ibr.render(order, camera)
-        np.testing.assert_array_equal(frame.valid, a.valid | b.valid)
-        np.testing.assert_allclose(frame.depth[frame.valid], z.min(axis=0)[frame.valid], rtol=1e-5)
-        np.testing.assert_array_equal(frame.color[~tie], expected[~tie])
-
-
-def test_of_equally_near_things_the_first_stays():
-    red, green = wall(3, 0.5, (255, 0, 0)), wall(3, 0.5, (0, 255, 0))
-    for order, color in (([red, green], (255, 0, 0)), ([green, red], (0, 255, 0))):
-        frame = ibr.render(order, CAMERA)
-        assert (frame.color[frame.valid] == color).all()
-        np.testing.assert_array_equal(frame.valid, ibr.render(red, CAMERA).valid)
-
-
-def test_without_a_light_things_show_their_own_colours():
-    frame = ibr.render(wall(3, 0.5, (10, 130, 250)), CAMERA, light=None)
-    assert (frame.color[frame.valid] == (10, 130, 250)).all()
-
-
 @pytest.mark.parametrize("size", [(1, 1), (7, 13), (61, 37)], ids=str)
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_sizes_and_the_same_bits_again(size, projection):
@@ -199,8 +168,7 @@ def test_sizes_and_the_same_bits_again(size, projection):
     assert frame.camera is camera
     assert frame.valid.all()
     assert abs(frame.depth[height // 2, width // 2] - 3) < 1e-5
-    for one, other in ((frame.color, again.color), (frame.depth, again.depth), (frame.valid, again.valid)):
-        assert one.tobytes() == other.tobytes()
+    same_bits(frame, again)
 
 
 def test_copies_and_pickles_look_the_same():
@@ -252,13 +220,6 @@ def test_partly_and_wholly_out_of_view():
         assert expected.any() == (dx < 2.6 and dy < 30)
 
 
-def test_nothing_in_view():
-    frame = ibr.render([wall(-3, 1, (9, 9, 9)), wall(3, 0.5, (9, 9, 9))], CAMERA.moved(50, 0, 0))
-    assert not frame.valid.any()
-    assert (frame.color == 0).all()
-    assert np.isnan(frame.depth).all()
-
-
 BAD = [
     ("things", {"things": []}),
     ("things", {"things": 3}),
@@ -292,33 +253,6 @@ BAD = [
 def test_bad_input(argument, changes):
     with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got .*$"):
         ibr.render(**{"things": wall(3, 1, (9, 9, 9)), "camera": CAMERA, **changes})
-
-
-WRONG = [
-    ("method", "backward"),
-    ("edges", "torn"),
-    ("edges", None),
-    ("edges", ["cut"]),
-    ("cut_ratio", 1.0),
-    ("cut_ratio", np.nan),
-    ("cut_ratio", np.inf),
-    ("cut_ratio", "1.1"),
-    ("side", "left"),
-    ("side", True),
-    ("interpolation", "cubic"),
-    ("interpolation", None),
-    ("fill", "black"),
-    ("splat", 0.5),
-    ("blend", "mean"),
-]
-
-
-@pytest.mark.parametrize(("argument", "value"), WRONG)
-def test_bad_options_of_depth_images(argument, value):
-    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got .*$"):
-        ibr.WarpedView(view(5), **{argument: value})
-    with pytest.raises(ibr.ArgumentError, match=f"^{argument}: expected .*, got .*$"):
-        ibr.warp(view(5), CAMERA, **{argument: value})
 
 
 def test_a_view_that_is_made_already_has_options_of_its_own():

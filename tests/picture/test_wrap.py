@@ -11,10 +11,10 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.meshes.textures import halved
+from tests.displaced import interior
 from tests.embree import embree
 from tests.one_lane import one_lane
 from tests.reference.heights import bilinear_height
-from tests.relief.test_truth import away_from_edges
 from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
 
 SCALE = 0.15
@@ -98,7 +98,7 @@ def share_right(
     """Fraction of `known` pixels, away from depth edges, whose depth is right within two slices."""
     truth, points, _ = first_hits(scene_of(system.split()[0].rstrip(","), span, name, true_wrap), camera)
     frame = ibr.render(thing(system, span, MAPS[name], **more), camera)
-    counted = known(system, span, camera, points) & away_from_edges(truth, 0.06)
+    counted = known(system, span, camera, points) & interior(truth, 0.06)
     assert counted.sum() > 2000
     off = np.abs(frame.depth - truth)
     # Rays meet slices at 30 degrees or more, and a relief's surface within 0.001 of its depth.

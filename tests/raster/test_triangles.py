@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from tests.data import shared
+from tests.displaced import interior
 from tests.embree import embree, rays_of
 from tests.reference.raster import depths, edge_distances
 from tests.scenes import pose
@@ -52,14 +52,6 @@ def around(mesh: ibr.Mesh, projection: str, direction: tuple[float, float, float
     scale = min(size) / extent
     K = [[scale, 0, (size[0] - 1) / 2], [0, scale, (size[1] - 1) / 2], [0, 0, 1]]
     return Camera(K, size, camera.world_from_camera, projection="orthographic")
-
-
-def interior(depth: np.ndarray, jump: float) -> np.ndarray:
-    """(H, W) bool: pixels more than 3 pixels from silhouettes, and from depth steps larger than `jump`."""
-    z = np.where(np.isfinite(depth), depth, depth[np.isfinite(depth)].max() + 10 * jump).astype(np.float32)
-    box = np.ones((3, 3))
-    edges = (cv2.dilate(z, box) - cv2.erode(z, box) > jump).astype(np.uint8)
-    return np.isfinite(depth) & ~cv2.dilate(edges, np.ones((7, 7))).astype(bool)
 
 
 def corners(mesh: ibr.Mesh, number: np.ndarray) -> np.ndarray:

@@ -11,11 +11,11 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.relief.interior import nearest_weights
-from tests.displaced import square
+from tests.displaced import interior, square
 from tests.one_lane import one_lane
 from tests.relief.solids import Carved, Surface, cylinder, grid, plane, sphere, torus
 from tests.relief.test_shadows import blocks
-from tests.relief.test_truth import away_from_edges, distance, tiled_noise
+from tests.relief.test_truth import distance, tiled_noise
 from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
 
 WHITE = np.full((2, 2, 3), 200, np.uint8)
@@ -84,7 +84,7 @@ FACETS = 0.01
 
 def check(frame: ibr.Frame, truth: np.ndarray, camera: Camera, part: float) -> None:
     """Assert that every pixel away from edges shows the relief, off by at most the fraction `part` of its distance."""
-    inside = away_from_edges(truth, 0.027)
+    inside = interior(truth, 0.027)
     assert inside.sum() > 30
     assert frame.valid[inside].all()
     assert (frame.valid != np.isfinite(truth)).mean() <= 0.02
@@ -272,7 +272,7 @@ def test_light_falls_between_blocks(name, shadow):
     depth, points, normals = first_hits(scene, camera)
     truth = true_shares(scene, light, points, normals)
     share, told = shares(relief(name, shadow=shadow), camera, light)
-    counted = told & np.isfinite(depth) & ~edges(truth) & away_from_edges(depth, 0.02)
+    counted = told & np.isfinite(depth) & ~edges(truth) & interior(depth, 0.02)
     assert counted.sum() > 1800
     assert 0.1 < truth[counted].mean() < 0.9
     assert ((share > 0.5) == truth)[counted].mean() >= (0.99 if name == "plane" else 0.95)

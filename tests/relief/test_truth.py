@@ -11,7 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
-from tests.displaced import square
+from tests.displaced import interior, square
 from tests.relief.solids import Carved, cylinder, grid, plane, sphere, torus
 
 SIZE = (240, 180)
@@ -32,13 +32,6 @@ def bricks() -> np.ndarray:
     across = np.minimum((x + 16 * (y // 16 % 2)) % 32, 31 - (x + 16 * (y // 16 % 2)) % 32)
     joint = np.minimum(across, np.minimum(y % 16, 15 - y % 16))
     return (np.clip(joint / 4, 0, 1) * (0.7 + 0.3 * tiled_noise(2, 1.5))).astype(np.float32)
-
-
-def away_from_edges(truth: np.ndarray, jump: float) -> np.ndarray:
-    """(H, W) bool: pixels more than 3 pixels from silhouettes, and from steps in depth larger than `jump`."""
-    z = np.where(np.isfinite(truth), truth, 100).astype(np.float32)
-    edges = (cv2.dilate(z, np.ones((3, 3))) - cv2.erode(z, np.ones((3, 3))) > jump).astype(np.uint8)
-    return np.isfinite(truth) & (cv2.dilate(edges, np.ones((7, 7))) == 0)
 
 
 def distance(frame: ibr.Frame, truth: np.ndarray, camera: Camera) -> np.ndarray:
@@ -84,7 +77,7 @@ def test_a_plane(elevation, projection, thin):
     entered = ibr.render(base, camera).valid
     np.testing.assert_array_equal(frame.valid, entered)
     # On level ground, depth changes by 0.005 / sin(elevation) from row to row of pixels.
-    inside = away_from_edges(np.where(entered, truth, np.inf), max(0.033, 0.025 / np.sin(np.radians(elevation))))
+    inside = interior(np.where(entered, truth, np.inf), max(0.033, 0.025 / np.sin(np.radians(elevation))))
     assert inside.sum() > 600
     off = distance(frame, truth, camera)[inside] * 64  # texels
     assert (off <= 0.5).mean() >= 0.999, (off <= 0.5).mean()
@@ -167,7 +160,7 @@ def test_curved_solids(name, distance_):
     assert banded_iou(frame.valid, solid) >= 0.95
     wrong = {silhouette: (made.valid ^ solid).sum() for silhouette, made in frames.items()}
     assert wrong["quadric"] <= 0.4 * wrong["none"], wrong
-    inside = away_from_edges(truth, 0.05)
+    inside = interior(truth, 0.05)
     assert inside.sum() > 1800
     assert frame.valid[inside].all()
     texel = 2 * np.pi * (1.4 if name == "torus" else 1.0) / (tiles[0] * 64)
@@ -234,7 +227,7 @@ def test_two_coincident_cylinders_show_what_lies_farther_out():
     )
     truths = [Carved(cylinder, height, 0.05, tiles, fine=1).depth(camera) for height in (bricks(), other)]
     nearest = np.minimum(*truths)
-    inside = away_from_edges(nearest, 0.05) & frame.valid
+    inside = interior(nearest, 0.05) & frame.valid
     agrees = (frame.color[..., 0] > 100) == (truths[0] < truths[1])
     assert agrees[inside].mean() >= 0.98, agrees[inside].mean()
     assert 0.2 <= (truths[0] < truths[1])[inside].mean() <= 0.8

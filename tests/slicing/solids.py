@@ -49,6 +49,35 @@ def cup() -> MeshScene:
 
 
 @cache
+def ball() -> MeshScene:
+    """A ball of radius 1."""
+    turn = np.linspace(0, np.pi, 101)
+    return colored(*revolved(np.column_stack([np.sin(turn), -np.cos(turn)]), closed=False, sides=200))
+
+
+@cache
+def knot() -> MeshScene:
+    """A striped trefoil knot: a tube that hides much of itself from any six views."""
+    a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 241)[:-1], np.linspace(0, 2 * np.pi, 33)[:-1], indexing="ij")
+
+    def line(t: np.ndarray) -> np.ndarray:
+        return np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=-1)
+
+    along = line(a + 1e-4) - line(a - 1e-4)
+    side = np.cross(along, (0, 0, 1.0))
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    up = np.cross(along, side)
+    up /= np.linalg.norm(up, axis=-1, keepdims=True)
+    vertices = line(a) + 0.55 * (np.cos(b)[..., None] * side + np.sin(b)[..., None] * up)
+    number = np.arange(a.size).reshape(a.shape)
+    right, down = np.roll(number, -1, axis=1), np.roll(number, -1, axis=0)
+    diagonal = np.roll(right, -1, axis=0)
+    faces = np.concatenate([np.stack([number, down, diagonal], -1), np.stack([number, diagonal, right], -1)])
+    gray = (60 + 140 * (np.floor(a * 14 / np.pi) % 2)).astype(np.uint8)
+    return MeshScene(vertices.reshape(-1, 3), faces.reshape(-1, 3), colors=np.repeat(gray.reshape(-1, 1), 3, 1))
+
+
+@cache
 def dragon() -> tuple[MeshScene, list[ibr.DepthImage]]:
     """The scanned dragon, 871,414 triangles, and six depth images of it."""
     scene = MeshScene.from_mesh(ibr.Mesh.load(shared("meshes/dragon_vrip.ply.gz")))

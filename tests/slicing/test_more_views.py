@@ -14,34 +14,12 @@ from pyibr.capture.raycast import spread_directions
 from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from tests.boxes import cuboid
-from tests.slicing.solids import revolved, torus
+from tests.slicing.solids import ball, knot, torus
 
 cv2 = pytest.importorskip("cv2")
 
 EYES = ((3, 2, 5), (4.5, -5.5, 6.5), (-1, 0.3, 0.2))
 ASKEW, _ = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))
-
-
-def ball() -> MeshScene:
-    turn = np.linspace(0, np.pi, 101)
-    return MeshScene(*revolved(np.column_stack([np.sin(turn), -np.cos(turn)]), closed=False, sides=200))
-
-
-def knot() -> MeshScene:
-    """A trefoil knot, whose loops hide one another."""
-    t = np.linspace(0, 2 * np.pi, 361)[:-1]
-    line = np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=-1)
-    along = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
-    side = np.cross(along, (0, 0, 1.0))
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    up = np.cross(along, side)
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    b = np.linspace(0, 2 * np.pi, 49)[:-1, None, None]
-    vertices = (line + 0.55 * (np.cos(b) * side + np.sin(b) * up)).transpose(1, 0, 2).reshape(-1, 3)
-    i, j = (one.ravel() for one in np.indices((360, 48)))
-    corners = [(i + di) % 360 * 48 + (j + dj) % 48 for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))]
-    faces = np.concatenate([np.stack([corners[k] for k in three], axis=-1) for three in ((0, 1, 2), (0, 2, 3))])
-    return MeshScene(vertices, faces)
 
 
 def block(thick: float) -> MeshScene:

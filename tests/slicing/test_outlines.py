@@ -6,18 +6,11 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture import MeshScene
 from pyibr.capture.raycast import spread_directions
 from pyibr.core.camera import Camera
-from tests.slicing.solids import revolved
+from tests.slicing.solids import ball
 
 PROJECTIONS = ("perspective", "orthographic")
-
-
-def ball() -> MeshScene:
-    turn = np.linspace(0, np.pi, 101)
-    vertices, faces = revolved(np.column_stack([np.sin(turn), -np.cos(turn)]), closed=False, sides=200)
-    return MeshScene(vertices, faces, colors=np.full((len(vertices), 3), 200, np.uint8))
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)

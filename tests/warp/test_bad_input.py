@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,20 +46,6 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
     "two dtypes": (lambda: warp([VIEW, FLOATS]), "views", "one dtype", "uint8 and float32"),
     "a matrix as camera": (lambda: warp(VIEW, np.eye(4)), "camera", "pyibr.Camera", "(4, 4)"),
     "None as camera": (lambda: warp(VIEW, None), "camera", "pyibr.Camera", "None"),
-    "method": (lambda: warp(method="sweep"), "method", '"search"', "'sweep'"),
-    "method, unhashable": (lambda: warp(method=["search"]), "method", '"search"', "['search']"),
-    "interpolation": (lambda: warp(interpolation="cubic"), "interpolation", '"linear", "nearest"', "'cubic'"),
-    "edges": (lambda: warp(edges=None), "edges", '"connect", "cut"', "None"),
-    "fill": (lambda: warp(fill="foreground"), "fill", '"background", "smooth", "inpaint" or None', "'foreground'"),
-    "fill, a bool": (lambda: warp(fill=True), "fill", '"background", "smooth", "inpaint" or None', "True"),
-    "side": (lambda: warp(side="left"), "side", '"front", "back", "both"', "'left'"),
-    "cut_ratio of 1": (lambda: warp(cut_ratio=1.0), "cut_ratio", "greater than 1", "1.0"),
-    "cut_ratio, nan": (lambda: warp(cut_ratio=math.nan), "cut_ratio", "greater than 1", "nan"),
-    "cut_ratio, infinite": (lambda: warp(cut_ratio=math.inf), "cut_ratio", "greater than 1", "inf"),
-    "cut_ratio, text": (lambda: warp(cut_ratio="2"), "cut_ratio", "greater than 1", "'2'"),
-    "splat of 0": (lambda: warp(method="forward", splat=0), "splat", "1 to 64", "0"),
-    "splat, endless": (lambda: warp(method="forward", splat=1e9), "splat", "1 to 64", "1000000000.0"),
-    "splat, nan": (lambda: warp(method="forward", splat=math.nan), "splat", "1 to 64", "nan"),
     "nan everywhere": (lambda: warp(image(depth=DEPTH * np.nan)), "depth", "at least one sample", "none"),
     "zeros everywhere": (lambda: warp(image(depth=DEPTH * 0)), "depth", "at least one sample", "none"),
     "all background": (lambda: warp(image(far=2.0)), "depth", "nearer than `far`", "none"),
@@ -138,6 +125,33 @@ CASES: dict[str, tuple[Call, str, str, str]] = {
     "depths that are too small": (lambda: warp(image(depth=DEPTH * 1e-20)), "depth", "1e-08", "2e-20"),
     "projection": (lambda: ibr.Camera(K, SIZE, None, projection="fisheye"), "projection", '"orthographic"', "fisheye"),
 }
+
+
+# Options of `warp` and of `WarpedView`, the first of which the error names, and its words.
+OPTIONS: list[tuple[dict[str, Any], str, str]] = [
+    ({"method": "sweep"}, '"search"', "'sweep'"),
+    ({"method": ["search"]}, '"search"', "['search']"),
+    ({"interpolation": "cubic"}, '"linear", "nearest"', "'cubic'"),
+    ({"interpolation": None}, '"linear", "nearest"', "None"),
+    ({"edges": "torn"}, '"connect", "cut"', "'torn'"),
+    ({"edges": None}, '"connect", "cut"', "None"),
+    ({"edges": ["cut"]}, '"connect", "cut"', "['cut']"),
+    ({"fill": "foreground"}, '"background", "smooth", "inpaint" or None', "'foreground'"),
+    ({"fill": True}, '"background", "smooth", "inpaint" or None', "True"),
+    ({"side": "left"}, '"front", "back", "both"', "'left'"),
+    ({"side": True}, '"front", "back", "both"', "True"),
+    ({"blend": "mean"}, '"quality", "nearest"', "'mean'"),
+    ({"cut_ratio": 1.0}, "greater than 1", "1.0"),
+    ({"cut_ratio": math.nan}, "greater than 1", "nan"),
+    ({"cut_ratio": math.inf}, "greater than 1", "inf"),
+    ({"cut_ratio": "2"}, "greater than 1", "'2'"),
+    ({"splat": 0.5, "method": "forward"}, "1 to 64", "0.5"),
+    ({"splat": 1e9, "method": "forward"}, "1 to 64", "1000000000.0"),
+    ({"splat": math.nan, "method": "forward"}, "1 to 64", "nan"),
+]
+for options, *words in OPTIONS:
+    CASES[f"warp, {options}"] = partial(warp, **options), next(iter(options)), *words
+    CASES[f"WarpedView, {options}"] = partial(ibr.WarpedView, VIEW, **options), next(iter(options)), *words
 
 
 @pytest.mark.parametrize(("call", "argument", "expected", "got"), CASES.values(), ids=CASES.keys())

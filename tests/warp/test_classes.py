@@ -135,12 +135,6 @@ def test_what_shows_its_back_is_hidden(count):
     assert np.count_nonzero(~hidden) <= 1  # 1: at the epipole, no line of the sweep meets anything
 
 
-def test_without_asking_there_are_none():
-    view = source("perspective")
-    frame = ibr.warp(view, view.camera.moved(0.1, 0, 0))
-    assert frame.classes is frame.source is frame.view is None
-
-
 @pytest.mark.parametrize("sample", ["linear", "nearest"])
 @pytest.mark.parametrize("method", ["epipolar", "search"])
 def test_the_frame_is_the_same_with_classes(method, sample):

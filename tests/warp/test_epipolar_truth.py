@@ -222,22 +222,6 @@ def test_awkward_sizes(size, source, target):
         assert np.count_nonzero(~right[interior]) <= 1, pose.name
 
 
-@pytest.mark.parametrize("forward", [0.5, -0.5, 0.0])
-@pytest.mark.parametrize("method", ["epipolar", "search"])
-@pytest.mark.parametrize("source", PROJECTIONS)
-def test_the_pixel_at_the_epipole_is_no_hole(source, method, forward):
-    """The camera moves forward, its principal point on a pixel's centre. That pixel has a ray, but no epipolar line."""
-    f = 50 if source == "perspective" else 20
-    y, x = np.mgrid[:49, :65]
-    depth = (3 + 0.02 * x + 0.01 * y).astype(np.float32)
-    camera = Camera([[f, 0, 32], [0, f, 24], [0, 0, 1]], (65, 49), projection=source)
-    view = ibr.DepthImage(np.zeros((49, 65, 3), np.uint8), depth, camera)
-    target = Camera([[50, 0, 32], [0, 50, 24], [0, 0, 1]], (65, 49)).moved(0, 0, forward)
-    frame = ibr.warp(view, target, method=method)
-    assert frame.valid[24, 32]
-    np.testing.assert_allclose(frame.depth[24, 32], depth[24, 32] - forward, rtol=1e-6)
-
-
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (5, 1)], ids=str)
 @pytest.mark.parametrize("source", PROJECTIONS)
 @pytest.mark.parametrize("target", PROJECTIONS)

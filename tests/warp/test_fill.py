@@ -277,19 +277,6 @@ def test_what_is_foreground_changes_smoothly_as_surfaces_slope(lanes):
     assert (np.diff(part) <= 1e-4).all() and np.diff(part).min() >= -0.1
 
 
-@pytest.mark.thorough
-def test_both_forms_of_the_kernels_fill_alike():
-    view = scenes.stepped((131, 101))
-    for pose in (view.camera.moved(0.4, 0, 0), view.camera.moved(0.3, 0.1, -0.2)):
-        for way in ("background", "smooth"):
-            wide = ibr.warp(view, pose, fill=way)
-            with one_lane():
-                narrow = ibr.warp(ibr.DepthImage(view.color, view.depth, view.camera), pose, fill=way)
-            both = wide.valid == narrow.valid
-            assert both.mean() > 0.999
-            assert (np.abs(wide.color.astype(int) - narrow.color)[both] <= 1).mean() > 0.999
-
-
 # --- what a source has without depth ------------------------------------------------------------------
 
 

@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 import pyibr as ibr
+from benchmarks import scenes
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from pyibr.images import metrics
@@ -27,13 +28,8 @@ pytestmark = pytest.mark.thorough
 
 @cache
 def room(number: int) -> ibr.DepthImage:
-    here = shared("rgbd_livingroom1")
-    poses = np.loadtxt(here / "poses_gt_cam_to_frame0.txt")
-    pose = poses[poses[:, 0] == number][0, 1:].reshape(4, 4)
-    camera = Camera([[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]], (640, 480), pose)
-    color = np.asarray(Image.open(here / f"color/{number:05d}.jpg"))
-    depth = ibr.depth_from_uint16(np.asarray(Image.open(here / f"depth/{number:05d}.png")), 1000)
-    return ibr.DepthImage(color, depth, camera)
+    shared("rgbd_livingroom1")
+    return scenes.rgbd(scenes.LIVINGROOM, number, (640, 480))
 
 
 def seen_by(source: ibr.DepthImage, target: ibr.DepthImage, tolerance: float) -> np.ndarray:
@@ -135,16 +131,13 @@ def test_foregrounds_are_as_large_as_they_are(source, target):
 # --- photographs with disparity ----------------------------------------------------------------------
 
 
-def motorcycle() -> tuple[ibr.DepthImage, Camera, np.ndarray]:
-    here = shared("stereo_middlebury") / "motorcycle"
-    left, right = (np.asarray(Image.open(here / f"motorcycle_{side}.png"))[..., :3] for side in ("left", "right"))
-    disparity = np.load(here / "motorcycle_disp.npz")["arr_0"]
-    f, baseline, offset = 994.978, 0.193001, 31.086
-    depth = ibr.depth_from_disparity(disparity, f, baseline, offset=offset)
-    K = np.array([[f, 0, 311.193], [0, f, 254.877], [0, 0, 1]])
-    camera = Camera(K, left.shape[1::-1])
-    moved = K + np.array([[0, 0, offset], [0, 0, 0], [0, 0, 0]])
-    return ibr.DepthImage(left, depth, camera), Camera(moved, camera.size).moved(baseline, 0, 0), right
+PAIRED = "cones", "teddy", "motorcycle"
+
+
+def pair(name: str) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
+    """The left photograph with its depth, the right camera, and its photograph."""
+    shared("stereo_middlebury")
+    return scenes.stereo(name)
 
 
 def disparity(path: Path) -> np.ndarray:
@@ -152,22 +145,9 @@ def disparity(path: Path) -> np.ndarray:
     return np.atleast_3d(np.asarray(Image.open(path)))[..., 0] / 4.0
 
 
-def pair(name: str) -> tuple[ibr.DepthImage, Camera, np.ndarray]:
-    here = shared("stereo_middlebury") / name
-    left, right = (np.asarray(Image.open(here / f"im{number}.png"))[..., :3] for number in (2, 6))
-    # The calibration is unknown, but all focal lengths and baselines give the same picture.
-    depth = ibr.depth_from_disparity(disparity(here / "disp2.png"), focal=500, baseline=0.1)
-    camera = Camera([[500, 0, 224.5], [0, 500, 187], [0, 0, 1]], left.shape[1::-1])
-    return ibr.DepthImage(left, depth, camera), camera.moved(0.1, 0, 0), right
-
-
-@pytest.mark.parametrize(
-    ("load", "name", "figure"),
-    [(pair, "cones", 5.3), (pair, "teddy", 4.0), (motorcycle, "", 3.0)],
-    ids=["cones", "teddy", "motorcycle"],
-)
-def test_left_to_right(load, name, figure):
-    view, camera, right = load(name) if name else load()
+@pytest.mark.parametrize(("name", "figure"), zip(PAIRED, (5.3, 4.0, 3.0), strict=True))
+def test_left_to_right(name, figure):
+    view, camera, right = pair(name)
     frame = ibr.warp(view, camera, edges="cut")
     assert frame.valid.mean() > 0.75
     # `figure` is the error of a backward warp by the given disparity: so much do the two photographs differ.
@@ -193,13 +173,9 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
     assert metrics.hole_ratio(frame.valid, expected=seen) <= 1e-3
 
 
-@pytest.mark.parametrize(
-    ("load", "name", "most"),
-    [(pair, "cones", 24.0), (pair, "teddy", 18.05), (motorcycle, "", 21.3)],
-    ids=["cones", "teddy", "motorcycle"],
-)
-def test_filled_holes_of_photographs_look_like_what_was_hidden(load, name, most):
-    error, inpainted = filled_error(*(load(name) if name else load()))
+@pytest.mark.parametrize(("name", "most"), zip(PAIRED, (24.0, 18.05, 21.3), strict=True))
+def test_filled_holes_of_photographs_look_like_what_was_hidden(name, most):
+    error, inpainted = filled_error(*pair(name))
     assert error <= min(most, inpainted)
 
 
