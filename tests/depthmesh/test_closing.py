@@ -16,6 +16,7 @@ from pyibr.core.camera import Camera
 from pyibr.depthmesh.closing import closing_of
 from pyibr.images import metrics
 from tests.depthmesh.views import PROJECTIONS
+from tests.embree import points_of
 from tests.one_lane import one_lane
 from tests.shadowed import box, joined
 from tests.slicing.solids import cup, knot, looking
@@ -80,8 +81,7 @@ def test_a_cup_is_whole_for_an_eye_close_above(projection):
     missed, false = missed_and_false(frame, truth)
     # The closed wall is a sample off, so that there may be a crack of one pixel along its lower edge, 350 pixels long.
     assert truth.valid.sum() > 40_000 and missed <= 350 and false == 0
-    y, x = np.nonzero(frame.valid & truth.valid)
-    points = camera.unproject(np.stack([x, y], axis=-1).astype(float), frame.depth[y, x].astype(float))
+    points = points_of(frame, frame.valid & truth.valid)
     wall = np.hypot(points[:, 0], points[:, 2])[(points[:, 1] > -0.75) & (points[:, 1] < 0.95)]
     assert (np.abs(wall - 0.65) < 2 * 1.664 / 256).all()  # two samples: cells of space beside the rim may be full
 

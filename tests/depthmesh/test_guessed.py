@@ -13,6 +13,7 @@ import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.core.camera import Camera
 from tests.depthmesh.test_closing import SIZE, donut
+from tests.embree import points_of
 from tests.shadowed import box
 from tests.slicing.solids import knot
 
@@ -88,11 +89,6 @@ def guessed_and_away(
         o3d.geometry.PointCloud(o3d.utility.Vector3dVector(some)) for some in (points_of(truth, both)[::7], samples)
     )
     return told(frame)[both][::7], np.array(points.compute_point_cloud_distance(known)) / spacing
-
-
-def points_of(view: ibr.DepthImage, pixels: np.ndarray) -> np.ndarray:
-    y, x = np.nonzero(pixels)
-    return view.camera.unproject(np.stack([x, y], axis=-1).astype(float), view.depth[y, x].astype(float))
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -26,7 +26,7 @@ from tests.depthmesh.views import (
     some_mesh,
     weights_in,
 )
-from tests.embree import embree, rays_of
+from tests.embree import embree, pixels_of, rays_of
 from tests.reference import depthmesh as reference
 from tests.slicing.solids import views_of_torus
 
@@ -69,8 +69,7 @@ def test_vertices_are_the_samples():
             mesh = ibr.DepthMesh(view, segmentation=Segmentation("none")).triangulate(view.camera, tolerance=0)
             within = mesh.vertices.reshape(*size[::-1], 3)[1:-1, 1:-1]
             np.testing.assert_array_equal(within, view.points.astype(np.float32).reshape(*size[::-1], 3)[1:-1, 1:-1])
-            pixels = np.stack(np.meshgrid(*map(np.arange, size)), -1).reshape(-1, 2)
-            np.testing.assert_array_equal(samples_of(mesh, view.camera), pixels)
+            np.testing.assert_array_equal(samples_of(mesh, view.camera), pixels_of(view.camera))
 
 
 @pytest.mark.parametrize("tolerance", [0.5, 2])

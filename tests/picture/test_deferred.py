@@ -12,6 +12,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import MeshScene, capture, models, object_views
 from tests.boxes import cuboid
+from tests.embree import points_of
 from tests.one_lane import one_lane
 
 CAMERA = ibr.Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (203, 151), fov_y=40)
@@ -161,13 +162,12 @@ def test_each_way_of_the_warp_is_lit(how, relight):
     ]
     np.testing.assert_array_equal(frames[0].color, frames[1].color)
     np.testing.assert_array_equal(frames[0].depth, frames[1].depth)
-    y, x = np.nonzero(frames[0].valid)
-    points = camera.unproject(np.column_stack([x, y]), frames[0].depth[y, x].astype(float))
+    points = points_of(frames[0])
     on_wall = np.abs(points @ normal + 3.2) < 5e-2
     at_card = points - (points[:, 2:] - 2) * way
     beside = np.maximum(np.abs(at_card[:, 0] + 0.8) - 0.4, np.abs(at_card[:, 1]) - 0.6)
     lit, dark = on_wall & (beside > 0.1), on_wall & (beside < -0.1)
-    found = frames[0].color[y, x, 0]
+    found = frames[0].color[frames[0].valid][:, 0]
     lambert = -normal @ way / np.linalg.norm(way) if relight else 1.0
     assert lit.sum() > 2000
     assert dark.sum() > 40

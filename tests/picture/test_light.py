@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from tests.embree import points_of
 
 
 def test_a_direction_is_kept_and_kernels_get_the_way_back():
@@ -60,9 +61,7 @@ def floor_seen(projection: str = "perspective") -> tuple[ibr.Camera, np.ndarray]
     camera = ibr.Camera.look_at((0.3, -1, 2.5), (0, 0, 0), (0, 1, 0), (64, 48), fov_y=50, **how)
     frame = ibr.render(FLOOR, camera)
     assert frame.valid.all()
-    y, x = np.mgrid[:48, :64]
-    points = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=-1), frame.depth.ravel().astype(float))
-    return camera, points.reshape(48, 64, 3)
+    return camera, points_of(frame).reshape(48, 64, 3)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])

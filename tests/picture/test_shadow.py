@@ -14,7 +14,7 @@ from pyibr.core.camera import Camera
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.shadow import light_cameras
 from tests.displaced import Solid, square
-from tests.embree import embree
+from tests.embree import embree, points_of
 from tests.exact import same_bits
 from tests.one_lane import one_lane
 from tests.reference.heights import bilinear_height
@@ -263,9 +263,7 @@ def test_bounds_of_things():
         if isinstance(thing, ibr.ReliefSurface):
             continue
         low, high = as_drawable(thing).bounds
-        frame = ibr.render(thing, SEES_ALL)
-        y, x = np.nonzero(frame.valid)
-        points = SEES_ALL.unproject(np.stack([x, y], axis=-1), frame.depth[y, x].astype(float))
+        points = points_of(ibr.render(thing, SEES_ALL))
         slack = 1e-4 * np.linalg.norm(np.subtract(high, low))  # rounding of float32
         assert (points >= low - slack).all()
         assert (points <= high + slack).all()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.opencl.device import one_call
 from pyibr.picture.surface import surface_of
+from tests.embree import points_of
 
 Array = NDArray[Any]
 RIGHT, BELOW = 1, 2
@@ -113,9 +114,7 @@ def test_margins_at_limbs_stay_within_the_size_of_a_sample():
     depth, _ = ring(camera)
     view = ibr.DepthImage(None, depth.astype(np.float32), camera)
     aside = ibr.Camera.look_at((2.4, 0.1, 2.2), (-0.1, 0, 2.2), (0, -1, 0), (160, 123), fov_y=40)
-    frame = ibr.warp(view, aside, side="both")
-    rows, columns = np.nonzero(frame.valid)
-    points = aside.unproject(np.stack([columns, rows], 1).astype(float), frame.depth[frame.valid].astype(float))
+    points = points_of(ibr.warp(view, aside, side="both"))
     centers = np.array([[0.22 * k - 0.9, 0.1 * np.sin(k), 1.2 + 0.3 * k] for k in range(1, 8)])
     off = np.abs(np.linalg.norm(points[:, None] - centers, axis=-1) - 0.18).min(axis=1)
     assert len(points) > 500

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from tests.embree import pixels_of
 from tests.reference import undistort
 
 BARREL = ibr.Lens("brown_conrady", [-0.25, 0.06, 0.003, -0.002])
@@ -85,10 +86,6 @@ def test_what_is_out_of_a_lens_sight_is_not_made_up():
     np.testing.assert_allclose(found.depth[found.valid], 2, rtol=1e-6)
     with pytest.raises(ibr.ArgumentError, match=r"view: expected a pyibr\.DepthImage"):
         ibr.undistorted(found.depth)  # pyright: ignore[reportArgumentType]
-
-
-def pixels_of(camera: ibr.Camera) -> np.ndarray:
-    return np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)
 
 
 def test_few_copies_of_a_view_are_kept():

@@ -12,7 +12,7 @@ import pyibr as ibr
 from pyibr.capture import capture, models
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.unseen import MarkedUnseen
-from tests.embree import embree
+from tests.embree import embree, points_of
 from tests.one_lane import one_lane
 
 MARK = (230, 40, 40)
@@ -70,13 +70,11 @@ def test_only_the_part_in_a_box_is_marked():
     views = [source("perspective", (0.0, 0.0, 4.0))]
     box = np.array([[0.1, -2.0, -0.3], [2.0, 0.4, 0.25]])
     whole, part = marked(views), marked(views, within=box)
-    depth = ibr.render(scene(), TARGET).depth
-    y, x = np.nonzero(whole)
-    points = TARGET.unproject(np.column_stack([x, y]), depth[y, x])
+    points = points_of(ibr.render(scene(), TARGET), whole)
     inside = ((points > box[0]) & (points < box[1])).all(axis=1)
     near = (np.abs(points[:, None] - box) < 1e-4).any(axis=(1, 2))  # left out: rounding (3e-7 of the distance) decides
     assert 0.2 < inside.mean() < 0.8
-    np.testing.assert_array_equal(part[y, x][~near], inside[~near])
+    np.testing.assert_array_equal(part[whole][~near], inside[~near])
     assert not part[~whole].any()
 
 
@@ -93,11 +91,10 @@ def test_what_is_marked_is_what_no_ray_reaches(name):
     views = [source(*case) for case in CASES[name]]
     found = marked(views)
     frame = ibr.render(scene(), TARGET)
-    y, x = np.nonzero(frame.valid)
-    points = TARGET.unproject(np.column_stack([x, y]), frame.depth[y, x])
+    points = points_of(frame)
     truth = unseen_by_rays(views, points)
     assert 0.04 < truth.mean() < 0.95
-    agree = found[y, x] == truth
+    agree = found[frame.valid] == truth
     # Silhouettes are off by up to a sample, and on oblique surfaces a sample covers much.
     steep = np.all([np.abs(slopes(view, points)) > 0.3 for view in views], axis=0)
     assert steep.sum() > 2000
@@ -129,10 +126,9 @@ def test_the_side_that_counts_is_asked_for():
     assert marked(middle).sum() > 0.99 * ibr.render(scene(), TARGET).valid.sum()
     back = marked(middle, side="back")
     frame = ibr.render(scene(), TARGET)
-    y, x = np.nonzero(frame.valid)
-    points = TARGET.unproject(np.column_stack([x, y]), frame.depth[y, x])
+    points = points_of(frame)
     on_ball = np.abs(np.linalg.norm(points - (0, 0, 0.3), axis=1) - 0.35) < 0.02
-    assert back[y, x][on_ball].mean() < 0.03
+    assert back[frame.valid][on_ball].mean() < 0.03
     np.testing.assert_array_equal(marked(middle, side="both") & marked(middle), marked(middle, side="both"))
 
 

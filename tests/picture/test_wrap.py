@@ -12,7 +12,7 @@ import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.meshes.textures import halved
 from tests.displaced import interior
-from tests.embree import embree
+from tests.embree import embree, rays_of
 from tests.one_lane import one_lane
 from tests.reference.heights import bilinear_height
 from tests.shadowed import AMBIENT, edges, first_hits, shares, true_shares
@@ -184,8 +184,7 @@ def test_levels_seen_from_afar(search, size):
 
 def uv_from_above(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """The uv on the square's plane, by the span BEYOND, of each pixel of an orthographic camera above it."""
-    y, x = np.mgrid[: camera.height, : camera.width]
-    places = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size))[:, :2].reshape(*x.shape, 2)
+    places = rays_of(camera)[:, :2].reshape(camera.height, camera.width, 2)
     (u0, v0), (u1, v1) = BEYOND
     return u0 + (u1 - u0) * places[..., 0], v0 + (v1 - v0) * places[..., 1]
 

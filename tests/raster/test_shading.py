@@ -7,6 +7,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from tests.embree import points_of
 from tests.reference.heights import bilinear_height
 from tests.reference.raster import weights
 
@@ -19,11 +20,9 @@ def camera(projection: str = "perspective", size: tuple[int, int] = (90, 70)) ->
     return Camera([[50, 0, 40], [0, 50, 34.5], [0, 0, 1]], size, projection=projection)
 
 
-def on_plane(cam: Camera, frame: ibr.Frame) -> np.ndarray:
+def on_plane(frame: ibr.Frame) -> np.ndarray:
     """(n, 2) u and v at the points that valid pixels show; on the rectangle, x = -1 + 2.5 u and y = -1 + 2 v."""
-    y, x = np.nonzero(frame.valid)
-    point = cam.unproject(np.stack([x, y], axis=-1), frame.depth[frame.valid].astype(float))
-    return np.stack([(point[:, 0] + 1) / 2.5, (point[:, 1] + 1) / 2], axis=-1)
+    return (points_of(frame)[:, :2] + 1) / (2.5, 2)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
@@ -31,7 +30,7 @@ def test_colours_are_linear_on_the_surface_not_on_the_screen(projection):
     colors = np.column_stack([UV, 1 - UV[:, :1]]).astype(np.float32)
     cam = camera(projection)
     frame = ibr.render(ibr.Mesh(CORNERS, FACES, colors=colors), cam)
-    u, v = on_plane(cam, frame).T
+    u, v = on_plane(frame).T
     expected = 255 * np.stack([u, v, 1 - u], axis=-1)
     assert frame.valid.sum() > 1000
     assert np.abs(frame.color[frame.valid] - expected).max() <= 0.6  # rounding to bytes, and float32 positions
@@ -64,7 +63,7 @@ def test_a_magnified_texture_is_bilinear(projection):
     texture = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
     cam = camera(projection)
     frame = ibr.render(ibr.Mesh(CORNERS, FACES, uv=3 * UV - 1, texture=texture), cam)  # tiles, u and v begin at -1
-    u, v = (3 * on_plane(cam, frame) - 1).T
+    u, v = (3 * on_plane(frame) - 1).T
     expected = np.stack([bilinear_height(texture[..., c].astype(float), u, v) for c in range(3)], axis=-1)
     # 1 level of 255, for 21 texels over some 60 pixels: rounding to bytes, and float32 positions.
     assert np.abs(frame.color[frame.valid] - expected).max() <= 1
@@ -127,8 +126,7 @@ def test_lambert(light, projection, turned):
     faces = [face[::-1] for face in FACES] if turned else FACES
     cam = camera(projection)
     frame = ibr.render(ibr.Mesh(CORNERS, faces, colors=np.full((4, 3), 200, np.uint8)), cam, light)
-    y, x = np.nonzero(frame.valid)
-    point = cam.unproject(np.stack([x, y], axis=-1), frame.depth[frame.valid].astype(float))
+    point = points_of(frame)
     normal = np.array([2, 0, -2.5]) / np.hypot(2, 2.5)  # the plane's normal, towards the camera
     to_light = np.tile(-light.direction, (len(point), 1)) if light.position is None else light.position - point
     cosine = np.maximum(to_light @ normal / np.linalg.norm(to_light, axis=1), 0)

@@ -149,15 +149,14 @@ def test_no_crack_and_no_pixel_twice(projection, thin):
 
 def below(camera: Camera, mesh: ibr.Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Depth of the plane y = 1 at each pixel, and the pixels that see it at least 0.02 inside the mesh's bounds."""
-    y, x = np.mgrid[: camera.height, : camera.width]
-    pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-    origin, ray = camera.unproject(pixels, np.zeros(len(pixels))), camera.unproject(pixels, np.ones(len(pixels)))
+    origin, ahead = np.split(rays_of(camera), 2, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = (1 - origin[:, 1]) / (ray - origin)[:, 1]
-        met = origin + depth[:, None] * (ray - origin)
+        depth = (1 - origin[:, 1]) / ahead[:, 1]
+        met = origin + depth[:, None] * ahead
     low, high = mesh.bounds
     within = ((met > low + 0.02) & (met < high - 0.02))[:, [0, 2]].all(axis=1) & (depth > 0.01)
-    return depth.reshape(y.shape), within.reshape(y.shape)
+    shape = camera.height, camera.width
+    return depth.reshape(shape), within.reshape(shape)
 
 
 def floor_of(cells: int, sides: tuple[float, float], jitter: tuple[float, float], rng: np.random.Generator) -> ibr.Mesh:

@@ -9,6 +9,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.core.camera import Camera
+from tests.embree import points_of
 from tests.relief.solids import grid, torus
 from tests.relief.test_truth import WHITE
 
@@ -76,11 +77,10 @@ def test_rays_meet_the_map_where_the_carved_torus_is(height):
     """
     relief = relief_of(height)
     places, frame = relief.tile_coordinates(CAMERA), ibr.render(relief, CAMERA)
-    y, x = np.nonzero(frame.valid)
-    points = CAMERA.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
+    points = points_of(frame)
     around = np.hypot(points[:, 0], points[:, 1])
     near = np.column_stack([np.arctan2(points[:, 1], points[:, 0]), np.arctan2(points[:, 2], around - 1)]) / (2 * np.pi)
-    part = places[y, x].astype(np.float64)
+    part = places[frame.valid].astype(np.float64)
     u, v = ((np.round(near * TILES - part) + part) / TILES).T
     off = np.linalg.norm(carved(height, u, v) - points, axis=1)
     # The base, of 96 x 48 cells, is up to 0.0009 inside of the torus; along oblique rays, two to three times as much.

@@ -12,6 +12,7 @@ from pyibr.opencl.memory import empty
 from pyibr.picture.target import Target
 from pyibr.relief import draw_relief
 from tests.displaced import square
+from tests.embree import points_of
 from tests.reference.heights import bilinear_height
 from tests.reference.relief import relief_depth
 from tests.relief.solids import Carved, cylinder, grid, sphere, torus
@@ -69,8 +70,7 @@ def test_exact_distances_hold_on_deep_reliefs(surface):
     for distance in ("approximate", "exact"):
         relief = ibr.ReliefSurface(grid(surface, 64, 32), flat, WHITE, 0.3, tiles=(4, 4), distance=distance)
         frame = ibr.render(relief, camera)
-        y, x = np.nonzero(frame.valid)
-        points = camera.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
+        points = points_of(frame)
         radius = np.linalg.norm(points if surface is sphere else points[:, :2], axis=1)
         wide[distance], off[distance] = frame.valid[60].sum(), np.abs(radius - 0.7)
     assert abs(wide["exact"] - 2 * 0.7 * 43.9) <= 1 < wide["approximate"] - 2 * 0.7 * 43.9
@@ -107,8 +107,7 @@ def test_even_heights_are_parallel_surfaces(surface, distance):
     frame = ibr.render(
         ibr.ReliefSurface(grid(surface, 96, 64), even, WHITE, 0.1, tiles=(4, 4), distance=distance), camera
     )
-    y, x = np.nonzero(frame.valid)
-    points = camera.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
+    points = points_of(frame)
     around = np.hypot(points[:, 0], points[:, 1])
     radius = {sphere: np.linalg.norm(points, axis=1), cylinder: around, torus: 0.6 + np.hypot(around - 1, points[:, 2])}
     off = np.abs(1 - radius[surface] - 0.05)
@@ -127,11 +126,10 @@ def test_coordinates_in_the_tile():
     np.testing.assert_array_equal(np.isfinite(places).all(axis=2), frame.valid)
     assert (places[frame.valid] >= 0).all()
     assert (places[frame.valid] <= 1).all()
-    y, x = np.nonzero(frame.valid)
-    points = camera.unproject(np.column_stack([x, y]), frame.depth[y, x].astype(float))
-    off = (places[y, x] - points[:, :2] * TILES + 0.5) % 1 - 0.5
+    points = points_of(frame)
+    off = (places[frame.valid] - points[:, :2] * TILES + 0.5) % 1 - 0.5
     assert np.abs(off).max() <= 1e-4
-    deep = SCALE * (bilinear_height(hills(8).astype(float), *places[y, x].astype(float).T) - 1)
+    deep = SCALE * (bilinear_height(hills(8).astype(float), *places[frame.valid].astype(float).T) - 1)
     assert np.abs(deep - points[:, 2]).max() <= 1e-3
     with pytest.raises(ibr.ArgumentError, match=r"^camera: "):
         thing.tile_coordinates("camera")

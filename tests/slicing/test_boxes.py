@@ -11,6 +11,7 @@ from pyibr.core.camera import Camera
 from pyibr.opencl.device import one_call
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes
 from pyibr.slicing.cells import maps_of
+from tests.embree import points_of
 from tests.reference.slicing import visual_hull
 from tests.slicing.solids import cup, looking, torus, views_of_torus
 
@@ -56,11 +57,7 @@ def test_the_box_of_samples_is_theirs_along_the_first_views_axes(kind):
     views = views_of_torus(kind)
     box = box_of_samples(views, True)
     np.testing.assert_allclose(box.axes, views[0].camera.world_from_camera[:3, :3].T)
-    points = []
-    for view in views:
-        y, x = np.nonzero(view.valid)
-        points.append(view.camera.unproject(np.column_stack([x, y]), view.depth[y, x]))
-    every = np.concatenate(points)
+    every = np.concatenate([points_of(view) for view in views])
     assert within(box, every).all()
     extent = np.ptp(every @ box.axes.T, axis=0)
     np.testing.assert_allclose(box.edges, extent + 0.002 * extent.max(), rtol=1e-9)  # 1/1000 more on each side

@@ -16,6 +16,7 @@ from pyibr.capture.raycast import MeshScene
 from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from tests.data import shared
+from tests.embree import rays_of
 from tests.one_lane import one_lane
 from tests.reference.slicing import first_depth, visual_hull
 from tests.slicing.solids import looking, revolved
@@ -47,15 +48,14 @@ def test_three_cylinders(slicing):
     hull = ibr.VisualHull(disk_views(), slices=128, slicing=slicing, halvings=5)
     camera = Camera.look_at((2, 3, 4), (0, 0, 0), (0, 1, 0), (120, 100), fov_y=32)
     frame = ibr.render(hull, camera)
-    y, x = np.mgrid[:100, :120]
-    ray = camera.unproject(np.column_stack([x.ravel(), y.ravel()]), np.ones(x.size)) - camera.center
-    front, back = np.zeros(x.size), np.full(x.size, np.inf)
+    ray = rays_of(camera)[:, 3:]
+    front, back = np.zeros(len(ray)), np.full(len(ray), np.inf)
     for axis in range(3):
         o, d = np.delete(camera.center, axis), np.delete(ray, axis, axis=1)
         a, b, c = (d * d).sum(1), d @ o, o @ o - 1
         root = np.sqrt(np.maximum(b * b - a * c, 0)) + np.where(b * b < a * c, np.nan, 0)
         front, back = np.fmax(front, (-b - root) / a), np.minimum(back, (-b + root) / a)  # nan in `back`: a miss
-    truth = np.where(front < back, front, np.inf).reshape(x.shape)
+    truth = np.where(front < back, front, np.inf).reshape(100, 120)
     assert silhouette_iou(frame.valid, np.isfinite(truth)) >= 0.99  # the outline is half a sample, 0.006, off
     both = frame.valid & np.isfinite(truth)
     # Samples are 0.0125 apart. The interpolated mask's edge is off by up to half of that; rays meet it obliquely.
@@ -86,13 +86,10 @@ def scattered_views() -> list[ibr.Silhouette]:
         eye, up = random.normal(size=(2, 3))
         how = {"fov_y": 45.0} if k % 2 else {"projection": "orthographic", "height": 2.4}
         camera = Camera.look_at(3 * eye / np.linalg.norm(eye), random.normal(size=3) / 20, up, (130, 110), **how)
-        y, x = np.mgrid[:110, :130]
-        pixels = np.column_stack([x.ravel(), y.ravel()])
-        at_1, at_2 = (camera.unproject(pixels, np.full(x.size, z)) / (1, 0.5, 0.8) for z in (1.0, 2.0))
-        d = at_2 - at_1
-        mask = (at_1 * d).sum(1) ** 2 >= (d * d).sum(1) * ((at_1 * at_1).sum(1) - 1)  # the ray meets the unit ball
+        o, d = (part / (1, 0.5, 0.8) for part in np.split(rays_of(camera), 2, axis=1))
+        mask = (o * d).sum(1) ** 2 >= (d * d).sum(1) * ((o * o).sum(1) - 1)  # the ray meets the unit ball
         color = np.full((110, 130, 3), 100, np.uint8)
-        views.append(ibr.Silhouette(color, mask.reshape(x.shape), camera))
+        views.append(ibr.Silhouette(color, mask.reshape(110, 130), camera))
     return views
 
 

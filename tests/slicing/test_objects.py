@@ -21,6 +21,7 @@ from pyibr.slicing import alpha_tests, solid
 from tests.boxes import cuboid
 from tests.builds import Builds
 from tests.data import shared
+from tests.embree import rays_of
 from tests.picture.test_far import from_afar
 from tests.reference.slicing import depth_object, first_depth
 from tests.slicing.solids import cup, dragon, looking, spacing, torus, views_of_torus
@@ -34,12 +35,9 @@ def across_slices(thing: ibr.DepthObject, camera: Camera) -> np.ndarray | float:
     """Distance that each pixel's ray moves perpendicularly to the slices while its depth grows by 1."""
     if thing.slicing == "screen":
         return 1.0
-    y, x = np.mgrid[: camera.height, : camera.width]
-    pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
-    ray = camera.unproject(pixels, np.full(len(pixels), 2.0)) - camera.unproject(pixels, np.ones(len(pixels)))
     towards = camera.forward if camera.projection == "orthographic" else thing.box.center - camera.center
     axis = np.abs(thing.box.axes @ towards).argmax()
-    return np.abs(ray @ thing.box.axes[axis]).reshape(y.shape)
+    return np.abs(rays_of(camera)[:, 3:] @ thing.box.axes[axis]).reshape(camera.height, camera.width)
 
 
 def check(thing: ibr.DepthObject, camera: Camera, truth: np.ndarray) -> None:
@@ -425,10 +423,7 @@ def test_rays_end_in_boxes_that_float32_does_not_hold():
 def test_one_slice_alone_is_the_object_cut_open(slicing, projection):
     """Figure 16: a slice through the object shows exactly the points that pass the tests of all views."""
     views, camera = views_of_torus("orthographic"), looking(torus(), FRONT, (80, 66), projection)
-    y, x = np.mgrid[:66, :80]
-    pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
-    start, ahead = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))
-    ahead = ahead - start
+    start, ahead = np.split(rays_of(camera), 2, axis=1)
     whole = ibr.DepthObject(views, slices=64, slicing=slicing)
     box, towards = whole.box, camera.forward if projection == "orthographic" else whole.box.center - camera.center
     if slicing == "screen":

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.core.camera import Camera, Projection
 from tests import scenes, truth
+from tests.embree import pixels_of, rays_of
 from tests.reference.edges import edges_of
 
 pytest.importorskip("open3d")
@@ -64,8 +65,7 @@ def source(projection: Projection, unobserved: bool = True) -> ibr.DepthImage:
 
 def expected(view: ibr.DepthImage, target: Camera) -> NDArray[np.uint8]:
     """Classes of target pixels, found by projecting each pixel's point of the scene to the source."""
-    y, x = np.indices((target.height, target.width))
-    points = target.unproject(np.column_stack([x.ravel(), y.ravel()]).astype(float), cast(target).ravel())
+    points = target.unproject(pixels_of(target), cast(target).ravel())
     pixel, z = view.camera.project(points)
     width, height = view.camera.size
     inside = (z > 0) & (pixel >= 0).all(axis=1) & (pixel[:, 0] <= width - 1) & (pixel[:, 1] <= height - 1)
@@ -233,10 +233,8 @@ def messy(size: tuple[int, int], projection: Projection, seed: int) -> ibr.Depth
 
 def by_own_rays(view: ibr.DepthImage, target: Camera) -> NDArray[np.int64]:
     """(H, W) classes of holes: each pixel's ray is followed in float64, and compared with the nearest samples."""
-    y, x = np.indices((target.height, target.width))
-    pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
-    first, second = (target.unproject(pixels, np.full(len(pixels), depth)) for depth in (1.0, 2.0))
-    points = first + (1 / np.linspace(20, 0.01, 500) - 1)[:, None, None] * (second - first)
+    origin, ahead = np.split(rays_of(target), 2, axis=1)
+    points = origin + (1 / np.linspace(20, 0.01, 500))[:, None, None] * ahead
     place, z = view.camera.project(points.reshape(-1, 3))
     size = np.array(view.camera.size)
     inside = (z > 0) & ((place >= -0.5) & (place <= size - 0.5)).all(axis=1)
@@ -247,7 +245,8 @@ def by_own_rays(view: ibr.DepthImage, target: Camera) -> NDArray[np.int64]:
     free = inside & (z < np.where(view.valid, view.depth, view.depth[view.valid].min())[at])
     free, state = (a.reshape(len(points), -1) for a in (free, state))
     begins = np.where(free.any(axis=0), len(free) - np.argmax(free[::-1], axis=0), 0)
-    return state[np.minimum(begins, len(free) - 1), np.arange(x.size)].reshape(y.shape)
+    found = state[np.minimum(begins, len(free) - 1), np.arange(len(ahead))]
+    return found.reshape(target.height, target.width)
 
 
 @pytest.mark.parametrize("seed", [60, 61, 98])  # no samples are missing; single samples; most of them

@@ -9,6 +9,7 @@ import pytest
 
 import pyibr as ibr
 from tests import scenes, truth
+from tests.embree import pixels_of
 from tests.exact import same_bits
 from tests.one_lane import one_lane
 
@@ -115,10 +116,6 @@ def test_a_target_that_sees_nearly_half_of_the_world():
     assert right[seen.interior(4) & within].mean() >= RIGHT
     assert not (~frame.valid & seen.interior(2) & within)[2:-2, 2:-2].any()
     assert not frame.valid[np.isnan(camera.ideal_positions(pixels_of(camera))[:, 0]).reshape(180, 200)].any()
-
-
-def pixels_of(camera: ibr.Camera) -> np.ndarray:
-    return np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2)
 
 
 def rays_at(camera: ibr.Camera) -> np.ndarray:

@@ -12,6 +12,7 @@ import pytest
 
 import pyibr as ibr
 from pyibr.opencl.watch import Traffic, watching
+from tests import embree
 from tests.exact import same_bits
 
 SIZE = (61, 47)
@@ -21,11 +22,7 @@ CARD = np.array([0.45, 0.35, 0.0])  # half of the card's extent in x, y and z
 
 def rays_of(camera):
     """Rays: origins and directions, (H, W, 3). A point at planar depth t is origin + t * direction."""
-    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    pixels = np.stack([x, y], -1).reshape(-1, 2).astype(float)
-    near, far = (camera.unproject(pixels, np.full(x.size, depth)) for depth in (1.0, 2.0))
-    shape = camera.height, camera.width, 3
-    return (2 * near - far).reshape(shape), (far - near).reshape(shape)
+    return np.split(embree.rays_of(camera).reshape(camera.height, camera.width, 6), 2, axis=2)
 
 
 def textured(camera, depth, **options):

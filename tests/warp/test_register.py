@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 import pyibr as ibr
 from pyibr.app.cli import app
+from tests.embree import pixels_of, rays_of
 from tests.exact import KEPT_ULP
 
 LENS = ibr.Lens("brown_conrady", [-0.12, 0.03, 0.001, -0.0005, 0.0])
@@ -37,9 +38,7 @@ def seen_along(origin: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def seen_by(camera: ibr.Camera) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) planar depth, and the mask of pixels that show the box."""
-    pixels = np.stack(np.meshgrid(*map(np.arange, camera.size)), -1).reshape(-1, 2).astype(float)
-    ways = camera.unproject(pixels, np.ones(len(pixels))) - camera.center  # directions that grow planar depth by 1
-    far, box = seen_along(camera.center, ways)
+    far, box = seen_along(camera.center, rays_of(camera)[:, 3:])
     return (part.reshape(camera.height, camera.width) for part in (far.astype(np.float32), box))
 
 
@@ -63,8 +62,7 @@ def test_depth_in_the_colour_camera(cameras, dtype):
         found = ibr.register(given, *cameras)
         assert found.dtype == np.float32
     # Pixels count if both cameras see their points, at least two pixels from silhouettes and from the image's border.
-    pixels = np.stack(np.meshgrid(*map(np.arange, color_camera.size)), -1).reshape(-1, 2).astype(float)
-    points = color_camera.unproject(pixels, truth.ravel())
+    points = color_camera.unproject(pixels_of(color_camera), truth.ravel())
     back = depth_camera.project(points)[0]
     first, _ = seen_along(depth_camera.center, points - depth_camera.center)
     sees = (np.abs(first - 1) < 1e-6) & ((back > 1) & (back < np.array(depth_camera.size) - 2)).all(axis=1)
@@ -87,8 +85,7 @@ def test_colours_for_the_depth_samples(cameras, dtype):
         color = (color / np.float32(255)).astype(np.float32)
     found = ibr.register_color(given, *cameras, color)
     assert found.color.dtype == dtype
-    y, x = np.mgrid[: given.shape[0], : given.shape[1]]
-    points = depth_camera.unproject(np.column_stack([x.ravel(), y.ravel()]), given.ravel())
+    points = depth_camera.unproject(pixels_of(depth_camera), given.ravel())
     pixels = color_camera.project(points)[0]
     first, _ = seen_along(color_camera.center, points - color_camera.center)
     inside = ((pixels >= -0.5) & (pixels <= np.array(color_camera.size) - 0.5)).all(axis=1)

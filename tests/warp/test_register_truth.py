@@ -14,7 +14,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import MeshScene
 from tests.boxes import cuboid
-from tests.embree import embree
+from tests.embree import embree, pixels_of
 from tests.truth import project
 
 pytest.importorskip("open3d")
@@ -103,10 +103,6 @@ WIDE = {
     "30 cm": (HERE, camera((301, 233), 240, pose=posed(0.3, 0.02, 0, 0, -0.2, 0.01))),
     "90 cm": (HERE, camera((301, 233), 216, pose=posed(0.9, -0.1, 0.3, 0.05, -0.8, 0.02))),
 }
-
-
-def pixels_of(one: ibr.Camera) -> np.ndarray:
-    return np.stack(np.meshgrid(*map(np.arange, one.size)), -1).reshape(-1, 2).astype(float)
 
 
 def measured(one: ibr.Camera, noise: float = 0.0, dropped: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
