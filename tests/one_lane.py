@@ -1,11 +1,13 @@
-"""Tests of kernels in the form for GPUs, and of reads and writes beyond arrays."""
+"""Tests of kernels in the form for GPUs, whose frames may differ a little, and of reads and writes beyond arrays."""
 
 from __future__ import annotations
 
 import shutil
 
+import numpy as np
 import pytest
 
+from pyibr.images import Frame
 from pyibr.opencl import device
 from tools.one_lane import one_lane as one_lane
 from tools.processes import said_under_oclgrind
@@ -15,6 +17,14 @@ def skip_where_unused(lanes: int) -> None:
     """Skip a test with several lanes on devices whose kernels have one lane, such as GPUs."""
     if lanes > 1 and device.current().profile.lanes == 1:
         pytest.skip("this device's kernels have one lane")
+
+
+def unlike(one: Frame, other: Frame, rtol: float = 1e-4, levels: int = 1) -> tuple[float, float, float]:
+    """Fractions of the pixels that one frame alone shows, and of the others where depths or colours differ by more."""
+    both = one.valid & other.valid
+    depths = np.isclose(one.depth, other.depth, rtol=rtol, atol=0)[both]
+    colors = np.abs(one.color.astype(int) - other.color)[both].max(axis=1) <= levels
+    return float((one.valid != other.valid).mean()), float((~depths).mean()), float((~colors).mean())
 
 
 def check_bounds(script: str) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.relief.quadrics import VertexFrames
+from tests.embree import rays_of
 from tests.reference.heights import bilinear_height
 
 STEEPEST = 1e-3  # least cosine of the angle between an entering ray and the reversed, interpolated normal
@@ -140,17 +141,13 @@ def relief_depth(
     halvings: int = 6,
 ) -> np.ndarray:
     """Planar depth (H, W) of a relief in a camera's picture; inf where the picture is empty."""
-    y, x = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
-    near = camera.unproject(np.column_stack([x, y]), np.ones(len(x)))
-    perspective = camera.projection == "perspective"
-    origin = np.tile(camera.center, (len(x), 1)) if perspective else near - camera.forward
-    ray = near - origin  # increases planar depth by 1
+    origin, ray = np.split(rays_of(camera), 2, axis=1)
     length = np.linalg.norm(ray, axis=1)
     unit = ray / length[:, None]
-    found = np.full(len(x), np.inf)
+    found = np.full(len(ray), np.inf)
     uv = np.asarray(base.uv, float) * tiles
     places = [_crossing(np.asarray(base.vertices[face], float), origin, ray) for face in base.faces]
-    leaves, left_by, weights_there = _exits(places, len(x))
+    leaves, left_by, weights_there = _exits(places, len(ray))
     for face, (met, fronts, depth, weights) in zip(base.faces, places, strict=True):
         enters = met[fronts]
         if not len(enters):

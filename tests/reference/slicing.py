@@ -14,6 +14,7 @@ from pyibr.core.camera import Camera
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
 from pyibr.slicing.boxes import Box
+from tests.embree import rays_of
 from tests.reference.heights import bilinear
 
 Inside = Callable[[np.ndarray], np.ndarray]  # world points (N, 3) -> (N,) bool
@@ -173,10 +174,7 @@ def visual_hull(views: Sequence[Silhouette | DepthImage]) -> Inside:
 
 def first_depth(inside: Inside, camera: Camera, box: Box, step: float) -> np.ndarray:
     """Depth (H, W) at which each pixel's ray first enters a solid within the box, in steps of `step`; inf if never."""
-    y, x = np.mgrid[: camera.height, : camera.width]
-    pixels = np.stack([x.ravel(), y.ravel()], axis=-1)
-    at_1, at_2 = (camera.unproject(pixels, np.full(len(pixels), z)) for z in (1.0, 2.0))
-    origin, direction = 2 * at_1 - at_2, at_2 - at_1  # the point of depth z is origin + z * direction
+    origin, direction = np.split(rays_of(camera), 2, axis=1)  # the point of depth z is origin + z * direction
 
     # The box is between three pairs of planes: a ray is inside from the last entry to the first exit of the three.
     start, along = origin @ box.axes.T, direction @ box.axes.T
@@ -184,7 +182,7 @@ def first_depth(inside: Inside, camera: Camera, box: Box, step: float) -> np.nda
     crossings = np.stack([(box.low - start) / along, (box.high - start) / along])
     front, back = np.maximum(crossings.min(axis=0).max(axis=1), 0), crossings.max(axis=0).min(axis=1)
 
-    depth, z = np.full(len(pixels), np.inf), front.copy()
+    depth, z = np.full(len(front), np.inf), front.copy()
     left = np.flatnonzero(front <= back)
     while len(left):
         hit = inside(origin[left] + z[left, None] * direction[left])

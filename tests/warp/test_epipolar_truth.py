@@ -90,16 +90,6 @@ def colored_by_place(view: ibr.DepthImage) -> ibr.DepthImage:
 @pytest.mark.parametrize(("source", "target"), WITH_EPIPOLES)
 @pytest.mark.parametrize("place", PLACES)
 def test_depth_color_and_coverage_are_the_truths(scene, source, target, place, edges):
-    check_truths(scene, source, target, place, edges)
-
-
-@pytest.mark.parametrize("edges", ["connect", "cut"])
-@pytest.mark.parametrize("scene", SCENES)
-def test_depth_color_and_coverage_without_epipoles(scene, edges):
-    check_truths(scene, "orthographic", "orthographic", "special", edges)
-
-
-def check_truths(scene: str, source: Projection, target: Projection, place: str, edges: Edges) -> None:
     here = surface(scene, source, edges)
     places = colored_by_place(here.view)
     for pose in poses(here.view, target, place):
@@ -109,21 +99,17 @@ def check_truths(scene: str, source: Projection, target: Projection, place: str,
         check_nearest(seen, nearest, here.view, pose.name)
 
 
+@pytest.mark.parametrize("edges", ["connect", "cut"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_depth_color_and_coverage_without_epipoles(scene, edges):
+    test_depth_color_and_coverage_are_the_truths(scene, "orthographic", "orthographic", "special", edges)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize(("source", "target"), WITH_EPIPOLES)
 @pytest.mark.parametrize("place", PLACES)
 def test_epipolar_is_search(scene, source, target, place):
-    check_search(scene, source, target, place)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("scene", SCENES)
-def test_epipolar_is_search_without_epipoles(scene):
-    check_search(scene, "orthographic", "orthographic", "special")
-
-
-def check_search(scene: str, source: Projection, target: Projection, place: str) -> None:
     view = getattr(scenes, scene)(SOURCE, source)
     for number, pose in enumerate(poses(view, target, place)):
         edges: Edges = "cut" if number % 2 else "connect"
@@ -135,6 +121,12 @@ def check_search(scene: str, source: Projection, target: Projection, place: str)
             seen = surface(scene, source, edges).cast(pose.camera)
             limit = np.nan_to_num(truth.depth_change_one_pixel(seen, view, pose.camera))
         assert agreement(swept, searched, limit) >= AGREEMENT, pose.name
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("scene", SCENES)
+def test_epipolar_is_search_without_epipoles(scene):
+    test_epipolar_is_search(scene, "orthographic", "orthographic", "special")
 
 
 def around(view: ibr.DepthImage, target: Projection) -> list[tuple[str, Camera]]:
