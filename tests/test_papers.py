@@ -28,7 +28,7 @@ Row = dict[str, str]
 
 
 def tables_of(page: Path) -> list[list[Row]]:
-    """Read a page's tables: for each, its rows, with cells by heading."""
+    """Read a page's tables, first techniques, then figures: for each, its rows, with cells by heading."""
     tables: list[list[Row]] = []
     for section in page.read_text(encoding="utf-8").split("\n## ")[1:]:
         cells = [[cell.strip() for cell in row.split("|")] for row in ROW.findall(section)]
@@ -36,14 +36,6 @@ def tables_of(page: Path) -> list[list[Row]]:
         assert all(len(row) == len(head) for row in rows), f"{page.name}: a row has other columns than its table"
         tables.append([dict(zip(head, row, strict=True)) for row in rows])
     return tables
-
-
-def techniques(name: str) -> list[Row]:
-    return tables_of(PAGES[name])[0]
-
-
-def figures(name: str) -> list[Row]:
-    return tables_of(PAGES[name])[1]
 
 
 def anchors_of(page: Path) -> set[str]:
@@ -111,13 +103,14 @@ def test_there_is_a_page_for_each_paper() -> None:
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_rows_name_what_exists(name: str) -> None:
-    rows = [*techniques(name), *figures(name)]
+    rows = [row for table in tables_of(PAGES[name])[:2] for row in table]
     assert [missing for row in rows for cell in row.values() for missing in missing_of(cell)] == []
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_techniques_are_somewhere_and_held_by_something(name: str) -> None:
-    for row in techniques(name):
+    techniques, _, *_ = tables_of(PAGES[name])
+    for row in techniques:
         if row["here"] == NONE:
             assert row["where it differs, and why"] != NONE, f"{row['in the paper']}: missing without a reason"
         else:
@@ -128,7 +121,7 @@ def test_techniques_are_somewhere_and_held_by_something(name: str) -> None:
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_has_a_row_and_a_picture(name: str) -> None:
     count, tables = FIGURES[name]
-    rows = figures(name)
+    _, rows, *_ = tables_of(PAGES[name])
     numbers = [number.strip() for row in rows for number in row["figure"].split(",")]
     expected = [str(i) for i in range(1, count + 1)] + [f"table {i}" for i in range(1, tables + 1)]
     assert sorted(numbers) == sorted(expected)

@@ -113,25 +113,6 @@ def test_cube_cameras_share_their_edges():
     assert all(len(shared) == 2 for shared in edges.values())
 
 
-@pytest.mark.parametrize("size", [16, 33])
-def test_captured_cube_images_meet_without_a_gap(size):
-    scene = MeshScene.from_open3d(sphere())
-    points = []
-    for camera in cube_cameras((0.2, -0.1, 0.05), size):
-        view = scene.capture(camera, layer="last")
-        assert view.valid.all()
-        x, y = np.meshgrid(np.arange(size), np.arange(size))
-        world = camera.unproject(np.stack([x, y], -1).reshape(-1, 2), view.depth.ravel())
-        border = ((x == 0) | (x == size - 1) | (y == 0) | (y == size - 1)).ravel()
-        points.append(world[border])
-    every = np.concatenate(points)
-    distance = np.linalg.norm(every[:, None] - every[None], axis=2)
-    # Each border sample has a twin in another image. The 8 corners appear three times, the other border samples twice.
-    twins = (distance < 1e-6).sum(axis=1)
-    assert np.count_nonzero(twins == 3) == 24
-    assert np.count_nonzero(twins == 2) == len(every) - 24
-
-
 @pytest.mark.parametrize(
     ("arguments", "name"),
     [

@@ -248,17 +248,13 @@ def test_a_users_class_that_writes_nothing_leaves_an_empty_picture():
     np.testing.assert_array_equal(ibr.render([nothing, wall(3)], FACING).color, ibr.render(wall(3), FACING).color)
 
 
-def describe(thing):
-    return getattr(thing, "__name__", type(thing).__name__)
-
-
 class Undrawn:
     """A class with bounds only."""
 
     bounds = np.zeros(3), np.ones(3)
 
 
-@pytest.mark.parametrize("thing", [Undrawn(), 3, None, Square, ibr.ReliefSurface], ids=describe)
+@pytest.mark.parametrize("thing", [Undrawn(), 3, None, Square, ibr.ReliefSurface], ids=str)
 def test_what_is_not_drawable_is_named_in_one_sentence(thing):
     expected = r"^things: expected things that draw themselves \(`pyibr\.Drawable`\), or DepthImage, Mesh, got "
     with pytest.raises(ibr.ArgumentError, match=expected):

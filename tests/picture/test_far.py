@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 pytest.importorskip("open3d")
 
@@ -19,14 +20,15 @@ AWAY = np.array([100_000.0, -70_000, 50_000])  # there, float32's steps are 1/12
 STEP = 1 / 128
 
 
-def moved(camera: Camera, off: np.ndarray = AWAY) -> Camera:
+def moved(camera: Camera, off: ArrayLike = AWAY) -> Camera:
+    """The camera, and so the scene, moved by `off` in the world."""
     pose = camera.world_from_camera.copy()
     pose[:3, 3] += off
     return Camera(camera.K, camera.size, pose, projection=camera.projection)
 
 
-def moved_view(view: ibr.DepthImage) -> ibr.DepthImage:
-    return ibr.DepthImage(view.color, view.depth, moved(view.camera))
+def moved_view(view: ibr.DepthImage, off: ArrayLike = AWAY) -> ibr.DepthImage:
+    return ibr.DepthImage(view.color, view.depth, moved(view.camera, off))
 
 
 def over_donut(projection: str) -> Camera:
@@ -142,7 +144,7 @@ def test_shadows_on_images_are_the_same_anywhere(make, light):
     position = np.array([4.0, 3, 2])
     frames: list[ibr.Frame] = []
     for off in (np.zeros(3), AWAY, 10 * AWAY):
-        there = [ibr.DepthImage(v.color, v.depth, moved(v.camera, off)) for v in views]
+        there = [moved_view(view, off) for view in views]
         lamp = ibr.Light(position=position + off) if light == "lamp" else ibr.Light(direction=-position)
         frames.append(ibr.render(make(there), moved(camera, off), lamp))
     plain = ibr.render(make(views), camera)

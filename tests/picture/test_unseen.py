@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from pyibr.capture import capture, models
+from pyibr.capture import capture, cube_cameras, models
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.unseen import MarkedUnseen
 from tests.embree import embree, points_of
@@ -122,7 +122,7 @@ def test_what_the_camera_itself_has_seen_is_not_marked():
 
 def test_the_side_that_counts_is_asked_for():
     """Views inside a ball see the back of its surface: from outside it only counts as seen by `side="back"`."""
-    middle = [capture(scene(), camera) for camera in _cube((0, 0, 0.3))]
+    middle = [capture(scene(), camera) for camera in cube_cameras((0, 0, 0.3), 128)]
     assert marked(middle).sum() > 0.99 * ibr.render(scene(), TARGET).valid.sum()
     back = marked(middle, side="back")
     frame = ibr.render(scene(), TARGET)
@@ -130,12 +130,6 @@ def test_the_side_that_counts_is_asked_for():
     on_ball = np.abs(np.linalg.norm(points - (0, 0, 0.3), axis=1) - 0.35) < 0.02
     assert back[frame.valid][on_ball].mean() < 0.03
     np.testing.assert_array_equal(marked(middle, side="both") & marked(middle), marked(middle, side="both"))
-
-
-def _cube(center: tuple[float, float, float]) -> list[ibr.Camera]:
-    from pyibr.capture import cube_cameras
-
-    return cube_cameras(center, 128)
 
 
 def test_what_a_view_has_no_depth_for_it_has_not_seen():

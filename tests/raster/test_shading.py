@@ -10,6 +10,7 @@ from pyibr.core.camera import Camera
 from tests.embree import points_of
 from tests.reference.heights import bilinear_height
 from tests.reference.raster import weights
+from tests.scenes import pose
 
 CORNERS = np.array([[-1, -1, 2.0], [1.5, -1, 4], [1.5, 1, 4], [-1, 1, 2]])
 FACES = [[0, 2, 1], [0, 3, 2]]
@@ -175,7 +176,7 @@ def test_normals_tell_the_front_however_corners_run(shadow_size):
     for frame in others:
         off = np.abs(frame.color.astype(int) - well.color).max(axis=-1)
         assert (off <= 1).mean() >= 0.999  # turned triangles cover other pixels at edges
-    inside = Camera([[50, 0, 40], [0, 50, 34.5], [0, 0, 1]], (90, 70), world_from_camera=moved_to((0, 0, 4)))
+    inside = Camera([[50, 0, 40], [0, 50, 34.5], [0, 0, 1]], (90, 70), pose(center=(0, 0, 4)))
     ahead = ibr.Light(direction=(0, 0, 1), shadow_size=0)
     lit = [
         ibr.render(ibr.Mesh(ball, faces, normals=normals), inside, ahead)
@@ -183,12 +184,6 @@ def test_normals_tell_the_front_however_corners_run(shadow_size):
     ]
     for frame in lit:  # inside, the wall ahead faces the light
         assert frame.color[35, 40, 0] >= 203
-
-
-def moved_to(center: tuple[float, float, float]) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = center
-    return pose
 
 
 def test_a_light_shades_textures_and_greys_too():

@@ -12,21 +12,11 @@ from pyibr.opencl.device import one_call
 from pyibr.slicing.boxes import Box, box_of_samples, box_of_silhouettes
 from pyibr.slicing.cells import maps_of
 from tests.embree import points_of
+from tests.picture.test_far import moved_view
 from tests.reference.slicing import visual_hull
 from tests.slicing.solids import cup, looking, torus, views_of_torus
 
 KINDS = ["orthographic", "perspective", "four", "nine, anywhere"]
-
-
-def moved(views: list[ibr.DepthImage], by: tuple[float, float, float]) -> list[ibr.DepthImage]:
-    """The views with their cameras, and so the scene, moved by `by` in the world."""
-    made = []
-    for view in views:
-        pose = view.camera.world_from_camera.copy()
-        pose[:3, 3] += by
-        camera = Camera(view.camera.K, view.camera.size, pose, projection=view.camera.projection)
-        made.append(ibr.DepthImage(view.color, view.depth, camera))
-    return made
 
 
 def within(box: Box, points: np.ndarray) -> np.ndarray:
@@ -89,7 +79,7 @@ def test_background_is_as_far_as_the_box_reaches(projection):
 @pytest.mark.parametrize("by", [(0, 0, 0), (300, -200, 100)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_box_of_silhouettes_holds_all_that_lies_within_them(kind, by):
-    views = moved(views_of_torus(kind), by)
+    views = [moved_view(view, by) for view in views_of_torus(kind)]
     box = box_of_silhouettes(views)
     np.testing.assert_array_equal(box.axes, np.eye(3))
     random = np.random.default_rng(2).uniform(-1, 1, size=(200_000, 3))
@@ -106,7 +96,7 @@ def test_two_opposite_views_anywhere_in_the_world():
     """Outlines from opposite sides do not limit the object's depth along the rays; the box ends at the cameras."""
     for projection in ("orthographic", "perspective"):
         here = object_views(torus(), 60, projection=projection)[:2]
-        box, there = box_of_silhouettes(here), box_of_silhouettes(moved(here, (100, 30, 5)))
+        box, there = (box_of_silhouettes(v) for v in (here, [moved_view(view, (100, 30, 5)) for view in here]))
         assert within(box, torus().vertices).all()
         np.testing.assert_allclose(there.center - box.center, (100, 30, 5), atol=0.05)
         np.testing.assert_allclose(there.edges, box.edges, rtol=0.02)
@@ -133,7 +123,7 @@ def test_a_small_silhouette_is_found():
 
 def test_views_with_nothing_in_common():
     views = object_views(cup(), 40)
-    apart = [views[0], *moved(views[2:3], (0, 0, 50))]
+    apart = [views[0], moved_view(views[2], (0, 0, 50))]
     for made in (ibr.DepthObject, ibr.VisualHull):
         with pytest.raises(ibr.ArgumentError, match=r"^views: "):
             made(apart)

@@ -332,8 +332,8 @@ def test_background_that_is_given_as_depth_is_refused(kind, depth):
     with pytest.raises(ibr.ArgumentError, match=r"^views: .*`far`.* to .* in view 0$"):
         ibr.DepthObject(views_with_background(depth, kind))
     some = views_with_background(depth, kind)
-    for kept in (ibr.DepthObject([ibr.DepthImage(v.color, v.depth, v.camera, far=1e4) for v in some]),):
-        np.testing.assert_allclose(kept.box.edges, ibr.DepthObject(views_of_torus(kind)).box.edges)
+    kept = ibr.DepthObject([ibr.DepthImage(v.color, v.depth, v.camera, far=1e4) for v in some])
+    np.testing.assert_allclose(kept.box.edges, ibr.DepthObject(views_of_torus(kind)).box.edges)
 
 
 def test_a_sample_far_away_has_a_box():

@@ -148,7 +148,13 @@ OPTIONS: list[tuple[dict[str, Any], str, str]] = [
     ({"splat": 0.5, "method": "forward"}, "1 to 64", "0.5"),
     ({"splat": 1e9, "method": "forward"}, "1 to 64", "1000000000.0"),
     ({"splat": math.nan, "method": "forward"}, "1 to 64", "nan"),
+    *[({"thin": value}, "True or False", told) for value, told in ((1, "1"), ("yes", "'yes'"), (None, "None"))],
+    ({"thin": np.zeros(2)}, "True or False", "(2,)"),
 ]
+for name in ("thin", "origins", "classes"):
+    CASES[f"{name}, forward"] = partial(warp, method="forward", **{name: True}), name, "False", "True"
+for name in ("origins", "classes"):
+    CASES[f"{name}, text"] = partial(warp, **{name: "yes"}), name, "True or False", "'yes'"
 for options, *words in OPTIONS:
     CASES[f"warp, {options}"] = partial(warp, **options), next(iter(options)), *words
     CASES[f"WarpedView, {options}"] = partial(ibr.WarpedView, VIEW, **options), next(iter(options)), *words

@@ -199,15 +199,6 @@ def test_origins_alone_are_those_that_come_with_classes(method, number):
     assert alone.source.dtype == np.float32 and alone.view.dtype == np.int32
 
 
-@pytest.mark.parametrize("name", ["origins", "classes"])
-def test_forward_asks_no_rays(name):
-    view = source("perspective")
-    with pytest.raises(ibr.ArgumentError, match=f"{name}: expected False"):
-        ibr.warp(view, view.camera, method="forward", **{name: True})
-    with pytest.raises(ibr.ArgumentError, match=f"{name}: expected"):
-        ibr.warp(view, view.camera, **{name: "yes"})
-
-
 def test_frames_that_are_given_forget_classes_that_are_not_asked_for():
     view = source("perspective")
     kept = ibr.warp(view, view.camera.moved(0.3, 0, 0), classes=True)

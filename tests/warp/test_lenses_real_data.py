@@ -28,13 +28,12 @@ def kinect(depth_lens: bool = True, color_lens: bool = True) -> tuple[ibr.DepthI
     logarithm = (np.log1p(infrared.astype(np.float32)) / np.log(2**16)).astype(np.float32)  # light falls off by 1 / z^2
     modes = ("NFOV_UNBINNED", depth_lens), ("720P", color_lens)
     here, there = (ibr.Camera.from_azure_kinect(calibration, mode) for mode, _ in modes)
-    here, there = (each if lens else without_lens(each) for each, (_, lens) in zip((here, there), modes, strict=True))
+    here, there = (
+        ibr.Camera(each.K, each.size, each.world_from_camera, lens=each.lens if lens else None)
+        for each, (_, lens) in zip((here, there), modes, strict=True)
+    )
     photograph = cv2.imread(str(folder / "color.jpg"), cv2.IMREAD_GRAYSCALE)
     return ibr.DepthImage(np.repeat(logarithm[..., None], 3, 2), depth, here), there, photograph
-
-
-def without_lens(camera: ibr.Camera) -> ibr.Camera:
-    return ibr.Camera(camera.K, camera.size, camera.world_from_camera)
 
 
 def test_depth_in_the_colour_camera_is_what_its_rays_meet():

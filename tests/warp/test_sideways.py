@@ -107,7 +107,8 @@ def limit_of(scene: str) -> float:
 @pytest.mark.parametrize("edges", ["connect", "cut"])
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("step", STEPS.values(), ids=STEPS.keys())
-def test_depth_and_coverage_are_the_polylines(step, scene, edges):
+def test_depth_coverage_and_nearest_samples_are_those_of_the_polylines(step, scene, edges):
+    """The nearest sample is the one next to the place where the ray meets the surface."""
     view, seen = view_of(scene), seen_of(scene, step, edges)
     for method in METHODS:
         frame = ibr.warp(view, view.camera.moved(*step, 0), method=method, edges=edges)
@@ -115,14 +116,6 @@ def test_depth_and_coverage_are_the_polylines(step, scene, edges):
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
         assert np.nanmin(frame.depth) >= 0.995 * np.nanmin(view.depth), "nothing is nearer than the nearest sample"
         assert np.nanmax(frame.depth) <= 1.003 * np.nanmax(view.depth)
-
-
-@pytest.mark.parametrize("edges", ["connect", "cut"])
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("step", STEPS.values(), ids=STEPS.keys())
-def test_the_nearest_sample_is_the_one_next_to_where_the_ray_meets_the_surface(step, scene, edges):
-    view, seen = view_of(scene), seen_of(scene, step, edges)
-    for method in METHODS:
         frame = ibr.warp(view, view.camera.moved(*step, 0), method=method, interpolation="nearest", edges=edges)
         away = np.abs(frame.color[..., :2] * COLUMNS - seen.source).max(axis=-1)
         wrong = (frame.valid != np.isfinite(seen.depth)) | (away > 0.5 + TIE)

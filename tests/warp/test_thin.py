@@ -345,21 +345,6 @@ def test_thin_things_in_pictures_of_anything_and_in_their_shadows():
     assert shaded[1] >= shaded[0] > 8
 
 
-@pytest.mark.parametrize("wrong", [1, "yes", None, np.zeros(2)])
-def test_thin_is_true_or_false(wrong):
-    view = strips(*CASES["row"]).capture(CAMERA)
-    with pytest.raises(ibr.ArgumentError, match="thin: expected True or False"):
-        ibr.warp(view, CAMERA, thin=wrong)
-    with pytest.raises(ibr.ArgumentError, match="thin: expected True or False"):
-        ibr.WarpedView(view, thin=wrong)
-
-
-def test_the_forward_warp_has_squares_of_its_own():
-    view = strips(*CASES["row"]).capture(CAMERA)
-    with pytest.raises(ibr.ArgumentError, match='thin: expected False with method="forward"'):
-        ibr.warp(view, CAMERA, method="forward", thin=True)
-
-
 def test_through_lenses():
     """A picture through a lens is undistorted first, which moves thin objects by at most half a sample."""
     lens = ibr.Lens("brown_conrady", [-0.15, 0.02, 0, 0])
