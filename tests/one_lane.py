@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,13 @@ def skip_where_unused(lanes: int) -> None:
     """Skip a test with several lanes on devices whose kernels have one lane, such as GPUs."""
     if lanes > 1 and device.current().profile.lanes == 1:
         pytest.skip("this device's kernels have one lane")
+
+
+def both_forms(make: Callable[[], Any]) -> tuple[Any, Any]:
+    """What is made by the device's own form of the kernels, and by that of one lane."""
+    wide = make()
+    with one_lane():
+        return wide, make()
 
 
 def unlike(one: Frame, other: Frame, rtol: float = 1e-4, levels: int = 1) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from benchmarks import scenes
 from benchmarks.cleaning import twin as reference
 from tests.cleaning.test_cleaning import BASELINE, FOCAL
 from tests.data import shared
-from tests.one_lane import one_lane
+from tests.one_lane import both_forms
 
 pytest.importorskip("cv2", reason="the reference needs OpenCV")
 
@@ -95,9 +95,7 @@ def test_one_lane_cleans_as_sixteen(size):
     _, noisy, color = scene(size, 5)
     colors = color / np.float32(255)
     for more in ({}, {"before": np.full(size, 2, np.float32)}):
-        wide = ibr.clean_depth(noisy, colors, **more)
-        with one_lane():
-            single = ibr.clean_depth(noisy, colors, **more)
+        wide, single = both_forms(lambda more=more: ibr.clean_depth(noisy, colors, **more))
         np.testing.assert_array_equal(wide.invented, single.invented)
         np.testing.assert_allclose(wide.depth, single.depth, rtol=1e-6)  # products and sums may be fused
 

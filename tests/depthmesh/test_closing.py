@@ -17,7 +17,7 @@ from pyibr.depthmesh.closing import closing_of
 from pyibr.images import metrics
 from tests.depthmesh.views import PROJECTIONS
 from tests.embree import points_of
-from tests.one_lane import one_lane, unlike
+from tests.one_lane import both_forms, unlike
 from tests.shadowed import box, joined
 from tests.slicing.solids import cup, knot, looking
 
@@ -166,9 +166,7 @@ def test_closed_surface_names_the_views_of_its_colours():
 @pytest.mark.thorough
 def test_the_same_in_one_lane():
     views, camera = object_views(donut(), 96), Camera.look_at((2, -2, 2), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45)
-    wide = ibr.render(ibr.DepthMeshObject(views), camera)
-    with one_lane():
-        one = ibr.render(ibr.DepthMeshObject(views), camera)
+    wide, one = both_forms(lambda: ibr.render(ibr.DepthMeshObject(views), camera))
     # Rounding decides at outlines, and at points on the border of the space known to be free.
     outlines, depths, colors = unlike(wide, one, rtol=1e-3, levels=2)
     assert outlines <= 1e-3 and depths <= 0.005 and colors <= 0.01

@@ -10,7 +10,7 @@ from pyibr.depthmesh import Segmentation
 from pyibr.images import DepthImage
 from tests import scenes
 from tests.depthmesh.views import PROJECTIONS, TESTS, rough
-from tests.one_lane import one_lane, unlike
+from tests.one_lane import both_forms, unlike
 
 
 @pytest.mark.thorough
@@ -33,10 +33,7 @@ def test_trees_in_one_lane(test, projection):
             ]
             return [known, *(np.where(known >= 0, f, 0) for f in fields), thing.normals, *(m.faces for m in meshes)]
 
-        wide = made()
-        with one_lane():
-            one = made()
-        for a, b in zip(wide, one, strict=True):
+        for a, b in zip(*both_forms(made), strict=True):
             if a.shape == b.shape:
                 # Compilers fuse other products and sums: values of about 5 differ by a few roundings of 2^-24.
                 assert np.isclose(a, b, rtol=1e-5, atol=1e-5).mean() >= 0.999
@@ -59,9 +56,7 @@ def test_pictures_in_one_lane(blend, projection):
         wall = ibr.Mesh([[-9, -9, 9], [9, -9, 9], [0, 9, 9]], [[0, 1, 2]])
         return [ibr.render(thing, camera), ibr.render([wall, thing.meshes[0]], camera), thing.occupancy(camera)]
 
-    wide = drawn()
-    with one_lane():
-        one = drawn()
+    wide, one = both_forms(drawn)
     for a, b in zip(wide[:2], one[:2], strict=True):
         assert a.valid.sum() > 2000
         # Corners are rounded to 1/256 of a pixel relative to the region that a work-item draws. Pixels at outlines and

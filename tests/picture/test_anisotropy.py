@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import cv2
@@ -13,7 +13,6 @@ import pyibr as ibr
 from pyibr.core.errors import ArgumentError
 from pyibr.meshes.textures import normal_pyramid
 from tests.displaced import square
-from tests.one_lane import one_lane
 
 KINDS = ["mesh", "slices", "relief"]
 TILES = (3, 3)
@@ -82,20 +81,9 @@ def gain(thing: Any, camera: ibr.Camera, light: ibr.Light | None = None) -> floa
 
 @pytest.mark.parametrize(("turn", "projection"), [(0, "perspective"), (45, "orthographic"), (77, "perspective")])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_plane_seen_aslant(kind, turn, projection):
+def test_a_plane_seen_aslant(kind, turn, projection, lanes):
     """Filtering gains 3 dB: it halves the squared error."""
     assert gain(even(kind, noise(), turn), over(10, projection)) >= 3
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", KINDS)
-def test_in_one_lane(kind):
-    """With filtering, kernels in one lane gain 3 dB over kernels in sixteen lanes without."""
-    thing, camera = even(kind, noise()), over(10)
-    truth, once = ibr.render(thing, camera, samples=64), ibr.render(thing, camera)
-    with one_lane():
-        often = ibr.render(thing, camera, anisotropy=8)
-    assert psnr(often, truth) - psnr(once, truth) >= 3
 
 
 @pytest.mark.thorough
@@ -104,19 +92,17 @@ def test_normal_maps(kind):
     assert gain(even(kind, WHITE, normal_map=bumps()), over(10), LIGHT) >= 3
 
 
-def test_a_relief_with_heights():
-    """The filter's footprint follows the relief's slopes; the base's slopes would be worse than no filter."""
-    height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
-    thing = ibr.ReliefSurface(square(), height[::8, ::8].copy(), noise(), 0.02, tiles=TILES)
-    assert gain(thing, over(10)) >= 3
-    assert gain(thing, over(30)) >= 3
+@pytest.mark.parametrize(
+    ("make", "elevation"), [(ibr.ReliefSurface, 10), (partial(ibr.SlicedSurface, halvings=3), 20)], ids=KINDS[:0:-1]
+)
+def test_surfaces_with_heights(make, elevation):
+    """The filter's footprint follows the relief's slopes; the base's slopes would be worse than no filter.
 
-
-def test_slices_with_heights():
-    """Slopes taken over two texels, as lighting takes them, would gain only 2.6 and 2.4 dB."""
+    Slopes of slices taken over two texels, as lighting takes them, would gain only 2.6 and 2.4 dB.
+    """
     height = (bumps()[..., 0] - bumps()[..., 0].min()) / np.ptp(bumps()[..., 0])
-    thing = ibr.SlicedSurface(square(), height[::8, ::8].copy(), noise(), 0.02, tiles=TILES, halvings=3)
-    assert gain(thing, over(20)) >= 3
+    thing = make(square(), height[::8, ::8].copy(), noise(), 0.02, tiles=TILES)
+    assert gain(thing, over(elevation)) >= 3
     assert gain(thing, over(30)) >= 3
 
 

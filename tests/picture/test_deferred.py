@@ -13,7 +13,7 @@ import pyibr as ibr
 from pyibr.capture import MeshScene, capture, models, object_views
 from tests.boxes import cuboid
 from tests.embree import points_of
-from tests.one_lane import one_lane
+from tests.one_lane import both_forms
 
 CAMERA = ibr.Camera.look_at((1.5, -2.2, 2), (0, 0, 0), (0, 0, 1), (203, 151), fov_y=40)
 LIGHTS: dict[str, dict[str, Any]] = {
@@ -130,11 +130,13 @@ def test_one_lane_lights_many_things_alike():
         color = np.full((25, 37, 3), 40 + 20 * number, np.uint8)
         views.append(ibr.DepthImage(color, np.where(mine, depth, np.inf), camera))
     light = ibr.Light(direction=(0.3, 0.2, 1), shadow_size=64, relight=True)
-    wide = ibr.render([ibr.WarpedView(view, thin=True) for view in views], camera, light)
+
+    def drawn() -> ibr.Frame:
+        fresh = [ibr.DepthImage(view.color, view.depth, camera) for view in views]
+        return ibr.render([ibr.WarpedView(view, thin=True) for view in fresh], camera, light)
+
+    wide, one = both_forms(drawn)
     assert wide.valid.all()
-    with one_lane():
-        again = [ibr.WarpedView(ibr.DepthImage(v.color, v.depth, camera), thin=True) for v in views]
-        one = ibr.render(again, camera, light)
     np.testing.assert_array_equal(one.depth, wide.depth)
     assert np.abs(one.color.astype(int) - wide.color).max() <= 1
 

@@ -16,7 +16,7 @@ from pyibr.picture.shadow import light_cameras
 from tests.displaced import Solid, square
 from tests.embree import embree, points_of
 from tests.exact import same_bits
-from tests.one_lane import one_lane
+from tests.one_lane import both_forms
 from tests.reference.heights import bilinear_height
 from tests.relief.solids import Carved, grid, torus
 from tests.shadowed import AMBIENT, CAMERAS, LIGHTS, SCENES, agreement, ball, box, hilly, joined, light_of, plane
@@ -202,10 +202,8 @@ def test_again_the_same_bits_and_in_any_order(kind):
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["directional", "spot", "point among them"])
 def test_in_one_lane(kind):
-    things, light = every_thing(), light_of(kind, shadow_size=200, specular=0.3)
-    wide = ibr.render(things, SEES_ALL, light)
-    with one_lane():
-        one = ibr.render(every_thing.__wrapped__(), SEES_ALL, light)
+    light = light_of(kind, shadow_size=200, specular=0.3)
+    wide, one = both_forms(lambda: ibr.render(every_thing.__wrapped__(), SEES_ALL, light))
     # As in the tests without shadows, rounding may change hits of slices and outlines.
     assert (one.valid != wide.valid).mean() <= 2e-3
     assert (np.abs(one.color.astype(int) - wide.color).max(axis=2) <= 2).mean() >= 0.985

@@ -13,7 +13,7 @@ from pyibr.capture import capture, cube_cameras, models
 from pyibr.picture.drawable import as_drawable
 from pyibr.picture.unseen import MarkedUnseen
 from tests.embree import embree, points_of
-from tests.one_lane import one_lane
+from tests.one_lane import both_forms
 
 MARK = (230, 40, 40)
 TARGET = ibr.Camera.look_at((1.6, -1.9, 2.3), (0, 0, 0), (0, 0, 1), (163, 121), fov_y=50)
@@ -171,9 +171,7 @@ def test_other_things_stay_as_they_are_and_pictures_in_floats_are_marked_alike()
 @pytest.mark.thorough
 def test_one_lane_marks_the_same():
     views = [source(*case) for case in CASES["two"]]
-    found = marked(views)
-    with one_lane():
-        np.testing.assert_array_equal(marked(views), found)
+    np.testing.assert_array_equal(*both_forms(lambda: marked(views)))
 
 
 def test_lights_see_the_thing_itself():

@@ -10,7 +10,7 @@ from pyibr.core.camera import Camera
 from pyibr.opencl import memory
 from pyibr.raster import bins
 from tests.exact import same_bits
-from tests.one_lane import one_lane, unlike
+from tests.one_lane import both_forms, one_lane, unlike
 from tests.scenes import pose
 
 LIGHT = ibr.Light(position=(0, -2, 0), shadow_size=128)
@@ -48,9 +48,7 @@ def soup(projection: str) -> tuple[ibr.Mesh, Camera]:
 @pytest.mark.parametrize(("scene", "projection"), [(globe, "orthographic"), (soup, "perspective")])
 def test_one_lane_is_as_good_as_sixteen(scene, projection):
     mesh, camera = scene(projection)
-    wide = ibr.render(mesh, camera, LIGHT)
-    with one_lane():
-        one = ibr.render(mesh, camera, LIGHT)
+    wide, one = both_forms(lambda: ibr.render(mesh, camera, LIGHT))
     assert wide.valid.sum() > 5000
     # Corners are rounded to 1/256 of a pixel relative to the region that a work-item draws. Pixels at outlines and on
     # edges between triangles may differ.

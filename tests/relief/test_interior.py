@@ -12,7 +12,6 @@ import pyibr as ibr
 from pyibr.core.camera import Camera
 from pyibr.relief.interior import nearest_weights
 from tests.displaced import interior, square
-from tests.one_lane import one_lane, unlike
 from tests.relief.solids import Carved, Surface, cylinder, grid, plane, sphere, torus
 from tests.relief.test_shadows import blocks
 from tests.relief.test_truth import distance, tiled_noise
@@ -116,7 +115,7 @@ def test_few_steps_are_enough_for_rays_that_leave(name, look):
 @pytest.mark.thorough
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize(("name", "distance_"), [("plane", "approximate"), ("torus, inside", "exact")])
-def test_over_the_lowest_place_of_hills(name, look, distance_):
+def test_over_the_lowest_place_of_hills(name, look, distance_, lanes):
     surface, _, tiles, scale, (u, v) = BASES[name]
     row, column = np.unravel_index(hills().argmin(), hills().shape)
     u, v = u + (column + 0.5) / 32 / tiles[0], v + (row + 0.5) / 32 / tiles[1]
@@ -276,15 +275,3 @@ def test_light_falls_between_blocks(name, shadow):
     assert counted.sum() > 1800
     assert 0.1 < truth[counted].mean() < 0.9
     assert ((share > 0.5) == truth)[counted].mean() >= (0.99 if name == "plane" else 0.95)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("name", "look"), [("plane", "along u"), ("torus, inside", "up")])
-def test_one_lane_is_as_good_as_sixteen(name, look):
-    surface, _, _, scale, (u, v) = BASES[name]
-    camera = looking(surface, u, v, 0.5 * scale, LOOKS[look])
-    wide = ibr.render(relief(name), camera)
-    with one_lane():
-        one = ibr.render(relief(name), camera)
-    outlines, depths, _ = unlike(one, wide)
-    assert outlines <= 2e-3 and depths <= 0.01

@@ -8,7 +8,7 @@ import pytest
 import pyibr as ibr
 from pyibr.capture import models
 from pyibr.core.camera import Camera
-from tests.one_lane import one_lane, unlike
+from tests.one_lane import both_forms, unlike
 
 
 @pytest.mark.thorough
@@ -19,9 +19,7 @@ def test_one_lane_is_as_good_as_sixteen(options):
     thing = ibr.ReliefSurface(models.donut(24), height, color, 0.1, tiles=(4, 2), **options)
     flat = {"projection": "orthographic", "height": 2.6} if "search" in options else {"fov_y": 45}
     camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), **flat)
-    wide = ibr.render(thing, camera)
-    with one_lane():
-        one = ibr.render(thing, camera)
+    wide, one = both_forms(lambda: ibr.render(thing, camera))
     assert wide.valid.sum() > 2000
     # Rounding decides whether a grazing ray hits, or the pixel shows the surface behind.
     outlines, depths, colors = unlike(one, wide, levels=2)
@@ -35,7 +33,4 @@ def test_shadows_in_one_lane(shadow):
     thing = ibr.ReliefSurface(models.donut(24), height, color, 0.1, tiles=(6, 3), shadow=shadow)
     camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45)
     light = ibr.Light(direction=(1, 0.3, -0.5), shadow_size=128)
-    wide = ibr.render(thing, camera, light)
-    with one_lane():
-        one = ibr.render(thing, camera, light)
-    assert unlike(one, wide, levels=2)[2] <= 0.02
+    assert unlike(*both_forms(lambda: ibr.render(thing, camera, light)), levels=2)[2] <= 0.02

@@ -17,7 +17,6 @@ from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from tests.data import shared
 from tests.embree import rays_of
-from tests.one_lane import one_lane
 from tests.reference.slicing import first_depth, visual_hull
 from tests.slicing.solids import looking, revolved
 
@@ -187,18 +186,6 @@ def test_a_hull_between_a_views_samples():
     frame = ibr.render(hull, seen[0].camera)
     assert frame.valid.sum() > 50 and frame.color[frame.valid].max() <= seen[0].color[seen[0].valid].max()
     assert len(hull.to_mesh(8).faces) > 0
-
-
-@pytest.mark.thorough
-def test_one_lane_gives_the_same_colours():
-    scene, views = smooth_ring("donut", "perspective")
-    camera = looking(scene, AROUND[0], (81, 67))
-    wide = ibr.render(ibr.VisualHull(views), camera)
-    with one_lane():
-        narrow = ibr.render(ibr.VisualHull(views), camera)
-    assert (wide.valid != narrow.valid).sum() <= 2  # at the outline, float32 decides
-    off = np.abs(wide.color.astype(int) - narrow.color).max(axis=-1)[wide.valid & narrow.valid]
-    assert np.quantile(off, 0.99) <= 1
 
 
 def test_more_views_leave_less():

@@ -9,7 +9,6 @@ import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.slicing import meshing
 from tests.boxes import cuboid
-from tests.one_lane import one_lane
 from tests.slicing.solids import cup, looking, torus, views_of_torus
 
 KINDS = (ibr.DepthObject, ibr.VisualHull)
@@ -46,7 +45,7 @@ def test_a_mesh_is_closed_and_shows_what_the_solid_does(make, scene):
 
 
 @pytest.mark.parametrize("resolution", [1, 2, 7, 40])
-def test_a_box_has_its_volume(resolution):
+def test_a_box_has_its_volume(resolution, lanes):
     scene = MeshScene(*cuboid((-1, -1, -0.4), (1, 1, 0.4)))
     mesh = ibr.DepthObject(object_views(scene, 101)).to_mesh(resolution)
     check_closed(mesh)
@@ -61,17 +60,6 @@ def test_an_image_of_unknown_depth_leaves_a_closed_mesh():
     depth = np.where(views[0].valid, views[0].depth, np.nan).astype(np.float32)
     thing = ibr.DepthObject([ibr.DepthImage(views[0].color, depth, views[0].camera)], missing="unknown")
     check_closed(thing.to_mesh(20))
-
-
-@pytest.mark.thorough
-def test_both_forms_of_kernels_find_the_same_mesh():
-    views = views_of_torus("nine, anywhere")
-    wide = ibr.DepthObject(views).to_mesh(31)
-    with one_lane():
-        narrow = ibr.DepthObject(views).to_mesh(31)
-    assert len(wide.faces) > 1000
-    assert abs(len(wide.faces) - len(narrow.faces)) <= 1e-3 * len(wide.faces)
-    assert abs(volume(wide) / volume(narrow) - 1) <= 1e-4
 
 
 def test_thin_things_have_meshes():

@@ -11,7 +11,7 @@ from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from pyibr.opencl import device
 from pyibr.opencl.watch import Traffic, watching
-from tests.one_lane import one_lane, unlike
+from tests.one_lane import both_forms, one_lane, unlike
 from tests.slicing.solids import looking, torus, views_of_torus
 
 
@@ -27,9 +27,7 @@ def test_a_surface_in_one_lane(slicing, slices, projection):
     tall = {"height": 2.6} if projection == "orthographic" else {}
     camera = Camera.look_at((1.5, -2.4, 1.6), (0, 0, 0), (0, 0, 1), (101, 77), fov_y=45, projection=projection, **tall)
     light = ibr.Light(direction=(0.3, 1, -1), shadow_size=128)
-    wide = ibr.render(thing, camera, light)
-    with one_lane():
-        one = ibr.render(thing, camera, light)
+    wide, one = both_forms(lambda: ibr.render(thing, camera, light))
     assert wide.valid.sum() > 2000
     # Where a slice just touches the surface, rounding decides whether the pixel shows it or the next slice.
     outlines, depths, colors = unlike(one, wide, rtol=1e-5)
@@ -40,10 +38,8 @@ def test_a_surface_in_one_lane(slicing, slices, projection):
 @pytest.mark.parametrize("kind", ["perspective", "nine, anywhere"])
 @pytest.mark.parametrize("make", [ibr.DepthObject, ibr.VisualHull])
 def test_an_object_in_one_lane(make, kind):
-    thing, camera = make(views_of_torus(kind), slices=64), looking(torus(), (0.5, 0.4, 1), (101, 77))
-    wide = ibr.render(thing, camera)
-    with one_lane():
-        one = ibr.render(make(thing.views, slices=64), camera)
+    camera = looking(torus(), (0.5, 0.4, 1), (101, 77))
+    wide, one = both_forms(lambda: ibr.render(make(views_of_torus(kind), slices=64), camera))
     assert silhouette_iou(one.valid, wide.valid) >= 0.999
     _, depths, colors = unlike(one, wide)
     assert depths <= 0.005 and colors <= 0.01

@@ -11,7 +11,7 @@ import pyibr as ibr
 from tests import scenes, truth
 from tests.embree import pixels_of
 from tests.exact import same_bits
-from tests.one_lane import one_lane
+from tests.one_lane import both_forms
 
 pytest.importorskip("open3d")
 
@@ -240,9 +240,8 @@ def test_depth_alone_through_lenses():
 def test_one_lane_sees_the_same():
     view = with_lens(scenes.stepped((61, 37)), "barrel")
     camera = target(view, "fisheye", POSES["turned"], (53, 41))
-    wide = ibr.warp(view, camera, classes=True)
-    with one_lane():
-        narrow = ibr.warp(ibr.DepthImage(view.color, view.depth, view.camera), camera, classes=True)
+    color, depth = view.color, view.depth
+    wide, narrow = both_forms(lambda: ibr.warp(ibr.DepthImage(color, depth, view.camera), camera, classes=True))
     np.testing.assert_array_equal(wide.valid, narrow.valid)
     np.testing.assert_allclose(wide.depth, narrow.depth, rtol=1e-5)
     assert np.abs(wide.color.astype(int) - narrow.color).max() <= 1

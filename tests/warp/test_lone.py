@@ -14,7 +14,7 @@ from pyibr.core.camera import Camera, Projection
 from pyibr.opencl.device import one_call
 from pyibr.picture.surface import surface_of
 from tests.exact import off, ties
-from tests.one_lane import one_lane
+from tests.one_lane import both_forms
 
 SIZE = (123, 91)
 MOVES = {
@@ -112,11 +112,9 @@ def test_whichever_side_is_shown(scene, side):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("scene", "move"), [*zip(SCENES, MOVES, strict=True)])
 def test_one_lane_sees_what_sixteen_see(scene, move):
-    view, there = scene_of(scene, "perspective"), camera("perspective").moved(*MOVES[move])
+    there = camera("perspective").moved(*MOVES[move])
     options: dict[str, Any] = {"cut_ratio": 1.05} if scene == "grains" else {"edges": "connect"}
-    wide = ibr.warp(view, there, **options).depth
-    with one_lane():
-        one = ibr.warp(scene_of(scene, "perspective"), there, **options).depth
+    wide, one = both_forms(lambda: ibr.warp(scene_of(scene, "perspective"), there, **options).depth)
     assert off(one, wide).mean() <= LIMIT
 
 
