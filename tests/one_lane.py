@@ -22,7 +22,7 @@ def skip_where_unused(lanes: int) -> None:
 
 
 def both_forms(make: Callable[[], Any]) -> tuple[Any, Any]:
-    """What is made by the device's own form of the kernels, and by that of one lane."""
+    """Results of the device's own form of the kernels, and of that of one lane."""
     wide = make()
     with one_lane():
         return wide, make()
