@@ -114,8 +114,6 @@ def test_depth_coverage_and_nearest_samples_are_those_of_the_polylines(step, sce
         frame = ibr.warp(view, view.camera.moved(*step, 0), method=method, edges=edges)
         wrong = off(frame.depth, seen.depth) & ~seen.on_end
         assert wrong.mean() <= limit_of(scene), (method, wrong.sum())
-        assert np.nanmin(frame.depth) >= 0.995 * np.nanmin(view.depth), "nothing is nearer than the nearest sample"
-        assert np.nanmax(frame.depth) <= 1.003 * np.nanmax(view.depth)
         frame = ibr.warp(view, view.camera.moved(*step, 0), method=method, interpolation="nearest", edges=edges)
         away = np.abs(frame.color[..., :2] * COLUMNS - seen.source).max(axis=-1)
         wrong = (frame.valid != np.isfinite(seen.depth)) | (away > 0.5 + TIE)
@@ -181,3 +179,14 @@ def between(camera: Camera, target: str) -> Camera:
 def passes_ends(view: ibr.DepthImage, camera: Camera, edges: Edges) -> np.ndarray:
     """(H, W) bool: pixels whose rays pass within a hair of an end of the surface."""
     return ties(lambda target: ibr.warp(view, target, method="search", edges=edges).depth, camera)
+
+
+def test_nothing_is_nearer_than_the_nearest_sample():
+    """Stripes in front of a wall: no depth is nearer than the stripes or farther than the wall."""
+    camera = Camera([[80, 0, 47.5], [0, 80, 47.5], [0, 0, 1]], (96, 95))
+    depth = np.where(np.arange(96) % 9 < 3, 2.2, 4.5)[None].repeat(95, 0).astype(np.float32)
+    view = ibr.DepthImage(np.zeros((95, 96, 3), np.uint8), depth, camera)
+    for edges in ("connect", "cut"):
+        frame = ibr.warp(view, camera.moved(0.3, 0, 0), edges=edges)
+        assert frame.depth[frame.valid].min() >= 2.19, edges
+        assert frame.depth[frame.valid].max() <= 4.51, edges
