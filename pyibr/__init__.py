@@ -48,6 +48,7 @@ from pyibr.picture.undistort import undistorted
 from pyibr.warp import (  # the function `warp` replaces its package as an attribute
     RegisteredColor,
     WarpedView,
+    background_layer,
     register,
     register_color,
     warp,
@@ -115,6 +116,7 @@ __all__ = [
     "VisualHull",
     "WarpedView",
     "__version__",
+    "background_layer",
     "batch",
     "clean_depth",
     "depth_from_disparity",

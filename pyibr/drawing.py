@@ -13,7 +13,7 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.deferred import Entry, entry_for
-from pyibr.picture.drawable import Drawable, Finishing, as_drawable
+from pyibr.picture.drawable import Drawable, Finishing, Guessing, as_drawable
 from pyibr.picture.samples import view_of
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
@@ -23,6 +23,7 @@ __all__ = [
     "Drawable",
     "Entry",
     "Finishing",
+    "Guessing",
     "Immutable",
     "Lighting",
     "Struct",

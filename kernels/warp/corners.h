@@ -2,6 +2,8 @@
 #define WARP_CORNERS_H
 /* The samples from which depth and colour of pixels are interpolated, at the pixels' hits. */
 #include "lib/color.h"
+#include "lib/gbuffer.h"
+#include "lib/vectors.h"
 #include "warp/line_hits.h"
 
 /* The indices y * width + x of a hit's samples, and their weights: the corners of the hit's triangle, or the nearest
@@ -134,5 +136,26 @@ INLINED Color interpolate_color(Corners there, PixelMap map, global const channe
         c.b += there.at_below * c2.b;
     }
     return c;
+}
+
+/* Writes the G-buffer's entries of a row's pixels x in the mask `written`. depth: the row's; first: the index of the
+ * row's first pixel */
+INLINED void enter_pixels(GBuffer gbuffer, global const float *normals, global const float *depth, size_t first,
+                          Corners there, intl written, intl x)
+{
+#if GBUFFER
+    Color normal = {0.0f, 0.0f, 0.0f};
+#if GBUFFER == 2
+    const Vector a = vector_at(normals, there.corner), b = vector_at(normals, there.beside);
+    const Vector c = vector_at(normals, there.below);
+    normal.r = there.at_corner * a.x + there.at_beside * b.x + there.at_below * c.x;
+    normal.g = there.at_corner * a.y + there.at_beside * b.y + there.at_below * c.y;
+    normal.b = there.at_corner * a.z + there.at_beside * b.z + there.at_below * c.z;
+#endif
+    for (uint left = lane_bits(written); left; left = WITHOUT_LOWEST(left)) {
+        const int at = int_lane(x, LOWEST(left));
+        enter_pixel(gbuffer, first + at, depth[at], color_lane(normal, LOWEST(left)));
+    }
+#endif
 }
 #endif

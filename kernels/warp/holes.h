@@ -27,7 +27,7 @@ ulong hole_bits(global const uchar *valid, int width, int height, int x, int y, 
     if (x >= 0 && x + 8 * bytes <= width) {
         for (int i = 0; i < bytes; i++) { /* the product's highest byte gathers the lowest bits of eight bytes */
             const ulong eight = ((global const EightBytes *)(row + x + 8 * i))->bytes;
-            bits |= (eight * 0x0102040810204080ul >> 56) << (8 * i);
+            bits |= ((eight & 0x0101010101010101ul) * 0x0102040810204080ul >> 56) << (8 * i);
         }
         return ~bits & all;
     }

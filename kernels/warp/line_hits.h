@@ -91,10 +91,10 @@ INLINED Pixels read_hits(global const float *hits, PixelMap map, int x0, int y, 
 
 /* Intersects the pixels' own rays with the planes of the triangles at their lines' hits. A pixel whose ray meets the
  * plane within the triangle gets this hit; the hits of other pixels become EMPTY. */
-INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, int x0, int y, int hit_kind, int sides)
+INLINED void intersect_at_hits(Pixels *pixels, Grid grid, PixelMap map, floatl x, int y, int hit_kind, int sides)
 {
     const float *S = map.src_from_dst;
-    const Rays rays = rays_of(map, to_floatl(x0 + lane_index), (floatl)y);
+    const Rays rays = rays_of(map, x, (floatl)y);
     const floatl u = pixels->u, v = pixels->v;
     const float last_u = grid.width - 1, last_v = grid.height - 1;
     floatl uc = truncated(clamp_lanes(u + 1.0f, (floatl)0.0f, (floatl)(last_u + 1.0f))) - 1.0f;

@@ -27,8 +27,6 @@
  * Determinism: each pixel depends on the inputs alone.
  */
 #include "lib/color.h"
-#include "lib/gbuffer.h"
-#include "lib/vectors.h"
 #include "warp/candidates.h"
 #include "warp/classes.h"
 #include "warp/corners.h"
@@ -57,25 +55,6 @@ typedef struct {
     GBuffer gbuffer;
     global const float *normals;
 } PictureRow;
-
-/* Writes the G-buffer's entries of the row's pixels x in the mask `written`. */
-INLINED void enter_pixels(PictureRow row, Corners there, intl written, intl x)
-{
-#if GBUFFER
-    Color normal = {0.0f, 0.0f, 0.0f};
-#if GBUFFER == 2
-    const Vector a = vector_at(row.normals, there.corner), b = vector_at(row.normals, there.beside);
-    const Vector c = vector_at(row.normals, there.below);
-    normal.r = there.at_corner * a.x + there.at_beside * b.x + there.at_below * c.x;
-    normal.g = there.at_corner * a.y + there.at_beside * b.y + there.at_below * c.y;
-    normal.b = there.at_corner * a.z + there.at_beside * b.z + there.at_below * c.z;
-#endif
-    for (uint left = lane_bits(written); left; left = WITHOUT_LOWEST(left)) {
-        const int at = int_lane(x, LOWEST(left));
-        enter_pixel(row.gbuffer, (size_t)row.y * row.map.dst_width + at, row.depth[at], color_lane(normal, LOWEST(left)));
-    }
-#endif
-}
 
 /* Writes the origins of the row's pixels x in the mask `written`. */
 INLINED void write_origins(PictureRow row, Pixels pixels, intl written, intl x)
@@ -202,7 +181,7 @@ OUTLINED void read_strip(Pixels *pixels, PictureRow row, global const float *hit
     }
     for (int p = 0; p < packets; p++) {
         if (any_lane(pixels[p].smooth))
-            intersect_at_hits(&pixels[p], row.grid, row.map, strip_x + p * LANES, row.y, hit_kind, sides);
+            intersect_at_hits(&pixels[p], row.grid, row.map, to_floatl(strip_x + p * LANES + lane_index), row.y, hit_kind, sides);
         else if (hit_kind != HITS_OF_PIXELS)
             pixels[p].n = EMPTY;
     }
@@ -235,7 +214,7 @@ OUTLINED void write_strip(PictureRow row, Pixels *pixels, int strip_x, int high_
         pixels[p].n = select_lanes(IS_BEFORE(row.map.dst_perspective, pixels[p].n), pixels[p].n, (floatl)EMPTY);
         const intl written = write_pixels(row, pixels[p], c, x0, min(high_x - x0, LANES)) & (x < high_x);
         write_origins(row, pixels[p], written, x);
-        enter_pixels(row, there, written, x);
+        enter_pixels(row.gbuffer, row.normals, row.depth, (size_t)row.y * row.map.dst_width, there, written, x);
     }
 }
 

@@ -14,6 +14,7 @@ from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.picture.light import Light
 from pyibr.picture.render import Thing, render
+from pyibr.warp.background import background_layer
 from pyibr.warp.filling import Fill
 from pyibr.warp.view import WarpedView
 from pyibr.warp.warp import warp
@@ -49,15 +50,24 @@ def frames_of(rig: Rig, things: Things, camera: Camera | None, fill: Fill | None
     """Draw a frame with each camera of a rig around `camera`, or around the first depth image's camera."""
     known = gathered(things, fill)
     middle = first_camera(known, camera)
-    return drawn(known, rig.fitted(lambda: depths_seen(known, middle)).cameras(middle), **how)
+    cameras = rig.fitted(lambda: depths_seen(known, middle)).cameras(middle)
+    return drawn(gathered(things, fill, cameras), cameras, **how)
 
 
-def gathered(things: Things, fill: Fill | None) -> list[Thing]:
-    """Return the things; depth images among them become one `WarpedView` with this `fill`."""
+def gathered(things: Things, fill: Fill | None, cameras: Sequence[Camera] = ()) -> list[Thing]:
+    """Return the things; depth images among them become one `WarpedView` with this `fill`, for these cameras."""
     given = list(things) if isinstance(things, Sequence) else [things]
     views = [thing.in_color for thing in given if isinstance(thing, DepthImage)]
+    views = with_background(views, cameras, fill)
     drawn_as: list[Thing] = [WarpedView(views, fill=fill)] if views else []
     return [*drawn_as, *(thing for thing in given if not isinstance(thing, DepthImage))]
+
+
+def with_background(views: Sequence[DepthImage], cameras: Sequence[Camera], fill: Fill | None) -> list[DepthImage]:
+    """Return the views; a single view that several cameras see gets a layer of background, so that holes agree."""
+    if fill is None or len(views) != 1 or len(cameras) < 2 or not views[0].valid.any():
+        return list(views)
+    return [*views, background_layer(views[0], cameras, fill=fill)]
 
 
 def first_camera(things: Iterable[Thing], camera: Camera | None) -> Camera:

@@ -203,6 +203,7 @@ class SetEntry:
 
     camera: Camera
     far: float
+    guessed: bool
     color: str  # name of a file in the folder; empty if not saved
     depth: str
     more: dict[str, Any]  # other fields of the entry, for the program that wrote them
@@ -215,7 +216,7 @@ class SetEntry:
             )
         color, depth = read_color(folder / self.color), read_depth(folder / self.depth)
         try:
-            return DepthImage(color, depth, self.camera, far=self.far)
+            return DepthImage(color, depth, self.camera, far=self.far, guessed=self.guessed)
         except ArgumentError as error:
             raise FileFormatError(f"{folder / self.depth}: {error}") from error
 
@@ -265,13 +266,14 @@ def _write(
         names = {"color": f"color_{number:02d}.{kind}", "depth": f"depth_{number:02d}.npy"}
         write_color(place / names["color"], view.shown_color)
         write_depth(place / names["depth"], view.depth)
-        listed.append(entry_json(view.camera, view.far) | names | (more[number] if more else {}))
+        listed.append(entry_json(view.camera, view.far, view.guessed) | names | (more[number] if more else {}))
     write_json(place / SET_FILE, {**about, "views": listed})  # last, because it names the other files
 
 
-def entry_json(camera: Camera, far: float) -> dict[str, Any]:
-    """Return a view's entry in the list: its camera, and the depth from which it is empty."""
-    return {"camera": camera.to_json()} | ({"far": far} if far < np.inf else {})
+def entry_json(camera: Camera, far: float, guessed: bool = False) -> dict[str, Any]:
+    """Return a view's entry in the list: its camera, the depth from which it is empty, and whether it is a guess."""
+    entry: dict[str, Any] = {"camera": camera.to_json()}
+    return entry | ({"far": far} if far < np.inf else {}) | ({"guessed": True} if guessed else {})
 
 
 def _entry_of(data: object, file: Path) -> SetEntry:
@@ -279,10 +281,13 @@ def _entry_of(data: object, file: Path) -> SetEntry:
         raise FileFormatError(f"{file}: expected views with a camera each, got {describe(cast('object', data))}")
     entry = dict(cast("dict[str, Any]", data))
     camera = Camera.from_json(entry.pop("camera"), file)
-    far, names = entry.pop("far", np.inf), [entry.pop(key, "") for key in ("color", "depth")]
+    far, guessed = entry.pop("far", np.inf), entry.pop("guessed", False)
+    names = [entry.pop(key, "") for key in ("color", "depth")]
     if not isinstance(far, (int, float)) or not far > 0:
         raise FileFormatError(f"{file}: far: expected a depth > 0, got {describe(far)}")
+    if not isinstance(guessed, bool):
+        raise FileFormatError(f"{file}: guessed: expected true or false, got {describe(guessed)}")
     for name in names:
         if not isinstance(name, str) or Path(name).name != name:
             raise FileFormatError(f"{file}: expected the name of a file beside it, got {describe(name)}")
-    return SetEntry(camera, float(far), names[0], names[1], entry)
+    return SetEntry(camera, float(far), guessed, names[0], names[1], entry)

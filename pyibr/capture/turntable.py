@@ -73,7 +73,7 @@ def turntable(
     [True, False, True, False]
     """
     cameras = turntable_cameras(things, frames, camera, turn=turn, swing=swing, up=up)
-    known = gathered(things, fill)
+    known = gathered(things, fill, cameras)
     return (frame for one in cameras for frame in drawn(known, [one], **how))
 
 

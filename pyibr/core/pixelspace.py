@@ -23,6 +23,8 @@ _GRID = [part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 5), np.linsp
 _ROUNDING = 1e-10  # relative error of products of a few matrices in float64
 _ROUNDING_FAR = 1e-15  # error of positions at a distance of 1 from the world's origin
 
+_FAR = 1e9  # scene units: the greatest length that cameras allow
+
 NO_PARALLAX = 1e-3
 """In pixels: cameras with less parallax count as differing by a rotation (or a zoom) alone."""
 
@@ -230,6 +232,16 @@ class PixelMap:
         _, _, w, q = self._middle
         ahead = w[0] > 0
         return _middle_of(q[0][ahead] / w[0][ahead]) if ahead.any() else 1.0
+
+    @cached_property
+    def range_in_target(self) -> tuple[float, float]:
+        """Least and greatest nearness in the target of any place in the source at a nearness from `low` to `high`."""
+        x, y = (-0.5, self.pair.src.width - 0.5), (-0.5, self.pair.src.height - 0.5)
+        points = np.array([(*place, 1.0, n) for place in itertools.product(x, y) for n in (self.low, self.high)])
+        _, _, w, q = self.pair.dst_from_src @ points.T
+        if (w <= 0).any():
+            return (0.0 if self.pair.dst.projection == "perspective" else -_FAR), _FAR
+        return float((q / w).min()), float((q / w).max())
 
     @cached_property
     def _middle(self) -> Float64:

@@ -18,6 +18,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.checks import (
     Float64,
     Immutable,
+    checked_bool,
     checked_colors,
     describe,
     fits,
@@ -74,13 +75,16 @@ class DepthImage(Immutable, Pictured):
         a z^2 + b z + c at depth z. A function maps depths, (n,) float64, to deviations, (n,). By default, the noise is
         estimated from the samples. Depth edges are found, and views weighted for blending, with regard to the noise;
         `clean_depth` takes the same argument.
+    guessed : bool
+        The samples are guesses of surface that other views do not see (`background_layer`). `warp` and `render` show
+        them only in holes, as one surface without depth edges; `valid` stays False there. They cast no shadows.
 
     Attributes
     ----------
     noise : (a, b, c)
         The depth's noise has a standard deviation of about a z^2 + b z + c at depth z. If not given, it is estimated on
         first use.
-    color, depth, camera, far, normals
+    color, depth, camera, far, normals, guessed
         As given, except where `default_depth` changes them. `color` has the shape (H, W, 0) if there is none; `normals`
         have length 1, NaN where unknown, or are None. C-contiguous arrays are not copied, and are read-only through
         this object. Do not change the arrays or their originals afterwards: copies on the device would not follow.
@@ -105,6 +109,7 @@ class DepthImage(Immutable, Pictured):
     camera: Camera
     far: float
     normals: NDArray[np.float32] | None
+    guessed: bool
 
     def __init__(
         self,
@@ -116,6 +121,7 @@ class DepthImage(Immutable, Pictured):
         default_depth: float | DefaultDepth | None = None,
         normals: NDArray[np.float32] | None = None,
         noise: Noise | DepthNoise | None = None,
+        guessed: bool = False,
     ) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         shape = camera.height, camera.width
@@ -131,15 +137,24 @@ class DepthImage(Immutable, Pictured):
             given = None if noise is None else checked_noise(noise, self.depth, self.far, camera.projection)
             noise = DepthNoise(self.depth, self.far, given)
         self._noise = noise
+        self.guessed = checked_bool("guessed", guessed)
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
         color = self.color if self.has_color else None
-        options = {"far": self.far, "normals": self.normals, "noise": self._noise.given}
+        options = {"far": self.far, "normals": self.normals, "noise": self._noise.given, "guessed": self.guessed}
         return partial(DepthImage, **options), (color, self.depth, self.camera)
 
     def _with_color(self, color: Color | None) -> DepthImage:
         """The same image in other colours."""
-        return DepthImage(color, self.depth, self.camera, far=self.far, normals=self.normals, noise=self._noise)
+        return DepthImage(
+            color,
+            self.depth,
+            self.camera,
+            far=self.far,
+            normals=self.normals,
+            noise=self._noise,
+            guessed=self.guessed,
+        )
 
     def __repr__(self) -> str:
         color = self.color.dtype if self.has_color else "depth alone"

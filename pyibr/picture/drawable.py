@@ -20,9 +20,10 @@ class Drawable(Protocol):
     """A thing that draws itself.
 
     `pyibr.render` draws any object with these two members together with other things, and the things cast shadows on
-    each other. A class of your own needs no base class and no registration. It may have two more members:
-    `Finishing.finish`, and `color_dtype`, the dtype of its colours; if that is float32, so is the picture. Objects
-    manage their own data on the device; `pyibr.opencl.device_cache.cached_on_device` creates it once per device.
+    each other. A class of your own needs no base class and no registration. It may have more members:
+    `Guessing.guess`, `Finishing.finish`, and `color_dtype`, the dtype of its colours; if that is float32, so is the
+    picture. Objects manage their own data on the device; `pyibr.opencl.device_cache.cached_on_device` creates it once
+    per device.
 
     Examples
     --------
@@ -51,6 +52,15 @@ class Drawable(Protocol):
             With None, show the thing's own colours. Otherwise, shade the thing: kernels with normals take
             `Lighting.arguments`; for colours that already contain light, call `pyibr.picture.deferred.entry_for`.
         """
+        ...
+
+
+@runtime_checkable
+class Guessing(Protocol):
+    """A thing with guesses of surface that no view has seen. They are drawn after all things, only in holes."""
+
+    def guess(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw guesses into holes only, and set `Target.guessed`. They count as surface until all things finish."""
         ...
 
 

@@ -99,6 +99,8 @@ class Target:
         Whether nothing has been written yet. The first thing writes every pixel; later things keep nearer pixels.
     filled : bool
         Whether holes have been filled: they then have colours and depths, but are not valid.
+    guessed : bool
+        Whether guesses are drawn in holes. Until `hide_guesses`, they count as surface.
     mixable : bool
         Whether colours may be interpolated on surfaces when this target becomes part of another picture. Things whose
         colours are labels set it to False.
@@ -135,6 +137,7 @@ class Target:
         self.guesses: DeviceArray | None = None
         self.blank = True
         self.filled = False
+        self.guessed = False
         self.mixable = True
         self.from_light = from_light
         self.anisotropy = anisotropy
@@ -167,6 +170,14 @@ class Target:
             self.depth.fill(np.nan)
             self.valid.fill(0)
             self.blank = False
+
+    def hide_guesses(self) -> None:
+        """Make guesses in holes invalid."""
+        if self.guessed:
+            self.filled, (width, height), profile = True, self.camera.size, current().profile
+            grid = profile.packets(width, height, profile.strip)
+            size = {"width": width, "height": height, "strip": profile.strip}
+            launch(kernel("picture/guesses.cl", "hide_guesses"), grid, valid=self.valid, **size)
 
     def outputs(self) -> dict[str, DeviceArray]:
         """Return the three buffers, by the names of kernel arguments."""

@@ -124,7 +124,7 @@ def _undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> 
     camera = undistorted_camera(view.camera)
     # Interpolated samples are unevenly smoothed, so edges are detected with the noise of the original samples.
     colors = color if view.has_color else None
-    return DepthImage(colors, depth, camera, far=view.far, normals=normals, noise=view.noise)
+    return DepthImage(colors, depth, camera, far=view.far, normals=normals, noise=view.noise, guessed=view.guessed)
 
 
 def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Camera) -> None:

@@ -34,17 +34,24 @@ _RADIUS = 3  # pixels: OpenCV inpaints a pixel from its surroundings within this
 _STEPS = 65535.0  # floats are scaled to the range from 0 to this: in any range, OpenCV adds about 1 to each pixel
 
 
-def fill_holes(target: Target, views: Sequence[tuple[DepthImage, Samples, PixelMap]], how: Fill) -> None:
+def fill_holes(
+    target: Target,
+    views: Sequence[tuple[DepthImage, Samples, PixelMap]],
+    how: Fill,
+    epipole: Float64 | None = None,
+) -> None:
     """Fill holes from the views and the current picture.
 
-    The view with the least parallax counts most; among views with equal parallax, the first.
+    The view with the least parallax counts most; among views with equal parallax, the first. epipole: (3,) homogeneous,
+    from which the lines lead that cross disocclusions; by default, the epipole of the view that counts most.
     """
     target.filled = True
     nearest_first = sorted(views, key=lambda view: view[2].parallax)
     nearest, _, nearest_map = nearest_first[0]
 
     def behind(picture: Target) -> DeviceArray | None:
-        return find_behind(picture, nearest_map.epipole, nearest.noise) if how == "background" else None
+        away = nearest_map.epipole if epipole is None else epipole
+        return find_behind(picture, away, nearest.noise) if how == "background" else None
 
     seen_empty = [(samples, pixel_map) for view, samples, pixel_map in views if view.sees_empty_space]
     empty_space = _spread_empty_space(target, seen_empty, behind) if seen_empty else None

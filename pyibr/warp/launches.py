@@ -209,6 +209,28 @@ class Pass:
             **({} if target.classes is None else {"classes": target.classes}),
         )
 
+    def draw_under(self) -> None:
+        """Draw the view, a connected surface, where the picture has holes; the pixels become guesses."""
+        profile, target, pixel_map = current().profile, self.target, self.pixel_map
+        area = pixel_map.reach
+        if area.empty:
+            return
+        farthest, nearest = pixel_map.range_in_target
+        launch(
+            kernel("warp/under.cl", "draw_under", **target.color_defines, **self.entry.defines),
+            profile.packets(area.high_x - area.low_x, area.high_y - area.low_y, profile.strip),
+            surface=self.surface.nearness,
+            src_color=self.surface.color,
+            map=map_of(pixel_map.pair),
+            nearest=nearest,
+            farthest=farthest,
+            in_place=not pixel_map.epipole.any(),
+            **vars(area),  # low_x, high_x, low_y, high_y
+            **target.outputs(),
+            **self.entry.arguments,
+        )
+        target.guessed = True
+
     def draw_thin(self) -> None:
         """Draw objects one sample thin, where they are nearer than the picture."""
         ribbons, target = self.surface.ribbons, self.target

@@ -201,7 +201,7 @@ class WarpedView(Immutable):
         defines = {"ORIGINS": int(origins) + int(classes), **color_defines(color.dtype, color.shape[2])}
         build_ahead_of_warp(camera_pair(self.sources[0].camera, camera), self._options, defines)
         for view in self.sources:
-            surface_of(view, self.cut_ratio, self.edges == "connect")
+            surface_of(view, self.cut_ratio, view.guessed or self.edges == "connect")
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw the views; into a light's map, draw their surfaces from both sides."""
@@ -213,14 +213,23 @@ class WarpedView(Immutable):
         if target.classes is not None:
             target.classes.fill(PixelClass.OUTSIDE)
         self._draw_views(target, lighting)
+        target.clear()  # if all views are guesses
         if target.classes is not None:
-            for number in range(len(self.sources)):
+            for number in self._seen:
                 Pass(*self._surface_of(number, target), target, self._options).classify()
+
+    def guess(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw guessed views into holes."""
+        for number in self._guessed:
+            entry = self._entry(target, lighting)
+            if entry.normals:
+                entry = entry.with_arrays(normals=_normals_of(self.sources[number]))
+            Pass(*self._surface_of(number, target), target, self._options, number, entry).draw_under()
 
     def finish(self, target: Target) -> None:
         """Fill holes, if `fill` is set, from the views and the finished drawing."""
-        if self.fill is not None:
-            views = [self.sources[number] for number in self._order]
+        if self.fill is not None and self._seen:
+            views = [self.sources[number] for number in self._seen]
             fill_holes(target, [(view, *_placed(view, target)) for view in views], self.fill)
 
     @cached_property
@@ -228,28 +237,37 @@ class WarpedView(Immutable):
         """The options in the form that `Pass` takes."""
         return Options(self.method == "search", self.interpolation == "linear", self.edges == "connect", self.side)
 
-    def _draw_views(self, target: Target, lighting: Lighting | None) -> None:
+    def _entry(self, target: Target, lighting: Lighting | None) -> Entry:
         bias, apart = (0.0, 1) if lighting is None else self._bias(target)
-        entry = entry_for(target, lighting, bias=bias, apart=apart, normals=True)
-        if len(self.sources) == 1 or self.blend == "nearest":
+        return entry_for(target, lighting, bias=bias, apart=apart, normals=True)
+
+    def _draw_views(self, target: Target, lighting: Lighting | None) -> None:
+        entry = self._entry(target, lighting)
+        if len(self._seen) < 2 or self.blend == "nearest":
             self._draw_surfaces(target, self._options, entry=entry)
             return
         own = target.layer()
         own_entry = entry_for(own, lighting, normals=True) if entry.normals else NO_ENTRY
-        layers = [self._layer(number, target) for number in self._order]
+        layers = [self._layer(number, target) for number in self._seen]
         # If no layer is visible, one of them writes the empty picture.
         shown = [layer for layer in layers if not layer.area.empty] or layers[:1]
         blend(shown, target, functools.partial(self._draw_layer, entry=own_entry), own, entry)
 
     @cached_property
-    def _order(self) -> list[int]:
-        """Indices of the views in drawing order, which does not depend on the order of the list."""
-        return order_of(self.sources)
+    def _seen(self) -> list[int]:
+        """Indices of the views that are not guessed, in an order that does not depend on the order of the list."""
+        return [number for number in order_of(self.sources) if not self.sources[number].guessed]
 
     @cached_property
-    def _gains(self) -> Float64:
-        """(views, 3) factors of the views' colours that make their exposures agree."""
-        return exposure_gains(self.sources)
+    def _guessed(self) -> list[int]:
+        """Indices of the guessed views, in the same order."""
+        return [number for number in order_of(self.sources) if self.sources[number].guessed]
+
+    @cached_property
+    def _gains(self) -> dict[int, Float64]:
+        """(3,) factors of the views' colours that make their exposures agree, by index."""
+        numbers = sorted(self._seen)
+        return dict(zip(numbers, exposure_gains([self.sources[number] for number in numbers]), strict=True))
 
     def _layer(self, number: int, target: Target) -> Layer:
         """Layer of a view in the target."""
@@ -267,7 +285,7 @@ class WarpedView(Immutable):
 
     def _draw_surfaces(self, target: Target, options: Options, entry: Entry = NO_ENTRY) -> None:
         """Draw all views into the target: the nearest surface wins, among equally near ones the first in order."""
-        for number in self._order:
+        for number in self._seen:
             self._draw_surface(number, target, options, entry)
 
     def _draw_surface(
@@ -289,8 +307,8 @@ class WarpedView(Immutable):
     def _surface_of(self, number: int, target: Target) -> tuple[Surface, PixelMap]:
         """Return a view's surface, with colours in the target's format, and the view's map into the target."""
         view = self.sources[number]
-        if len(self.sources) == 1 or self.edges == "connect" or self.method == "forward":
-            surface = surface_of(_shown(view, target), self.cut_ratio, self.edges == "connect")
+        if view.guessed or len(self._seen) == 1 or self.edges == "connect" or self.method == "forward":
+            surface = surface_of(_shown(view, target), self.cut_ratio, view.guessed or self.edges == "connect")
         else:
             shown_as = min(target.color.shape[2], 1), target.color.dtype
             surface = cached_on_device(self, "surfaces", lambda: self._surfaces(target), shown_as)[number]
@@ -298,8 +316,8 @@ class WarpedView(Immutable):
 
     def _surfaces(self, target: Target) -> dict[int, Surface]:
         """The views' surfaces by index, without the parts that another view has looked through."""
-        views = [_shown(self.sources[number], target) for number in self._order]
-        return dict(zip(self._order, surfaces_of(views, self.cut_ratio), strict=True))
+        views = [_shown(self.sources[number], target) for number in self._seen]
+        return dict(zip(self._seen, surfaces_of(views, self.cut_ratio), strict=True))
 
     def _bias(self, target: Target) -> tuple[float, int]:
         """Return `bias` (in scene units) and `apart` (in pixels of the picture) for `entry_for`."""

@@ -118,7 +118,7 @@ def warp(
     54
     """
     thing = _view_of(views, options)
-    cameras = _checked_cameras(camera)
+    cameras = checked_cameras("camera", camera)
     for view in thing.views:
         check_pixels("views", view.camera.size)
     asked = {"origins": checked_bool("origins", origins), "classes": checked_bool("classes", classes)}
@@ -138,7 +138,9 @@ def warp(
 
     def draw(target: Target) -> None:
         thing.draw(target, None)
+        thing.guess(target, None)
         thing.finish(target)
+        target.hide_guesses()
 
     color = thing.views[0].color
 
@@ -176,7 +178,7 @@ def _view_of(views: Views, options: WarpOptions) -> WarpedView:
 
 def _tell_empty(made: Sequence[Frame], is_single: bool) -> None:
     """Warn the caller of `warp` about empty frames."""
-    empty = [number for number, frame in enumerate(made) if not frame.valid.any()]
+    empty = [number for number, frame in enumerate(made) if not (frame.valid.any() or np.isfinite(frame.depth).any())]
     if empty and is_single:
         warnings.warn("warp: the target camera sees nothing of the views; the frame is empty", stacklevel=3)
     elif empty:
@@ -194,14 +196,15 @@ def _through_lenses(frame: Frame, views: Sequence[DepthImage]) -> None:
             frame.source[own] = origins_in_lens(view.camera, frame.source[own].astype(np.float64))
 
 
-def _checked_cameras(camera: Camera | Sequence[Camera]) -> list[Camera]:
+def checked_cameras(argument: str, camera: Camera | Sequence[Camera]) -> list[Camera]:
+    """Return the cameras of an argument, at least one."""
     cameras = [camera] if isinstance(camera, Camera) else list(camera) if isinstance(camera, Sequence) else []  # pyright: ignore[reportUnnecessaryIsInstance]
     if not cameras:
         got = "an empty sequence" if isinstance(camera, Sequence) else describe(camera)
-        raise ArgumentError("camera", "a pyibr.Camera or a sequence of them", got)
+        raise ArgumentError(argument, "a pyibr.Camera or a sequence of them", got)
     for one in cameras:
         if not isinstance(one, Camera):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ArgumentError("camera", "a pyibr.Camera or a sequence of them", describe(one))
+            raise ArgumentError(argument, "a pyibr.Camera or a sequence of them", describe(one))
     return cameras
 
 

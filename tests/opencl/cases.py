@@ -66,6 +66,19 @@ def _warps(setting: Setting) -> Cases:
                 yield f"{name}, two views, one held", partial(_warp_holding_one, [view, beside], camera)
 
 
+def _layers(setting: Setting) -> Cases:
+    """A layer of background, drawn in the holes of its view's pictures."""
+    for (size, target), projection in product((((13, 7), (5, 7)), ((1, 1), (33, 2)), ((17, 33), (37, 5))), PROJECTIONS):
+        view = setting.view(scenes.holed, size, projection)
+        if view.valid.any():
+            path = [view.camera.moved(0.4 * k, 0.1, 0.1 * k).resized(target) for k in range(3)]
+            yield f"layer {size} {projection}", partial(_warp_with_background, view, path)
+
+
+def _warp_with_background(view: DepthImage, path: list[ibr.Camera]) -> list[ibr.Frame]:
+    return ibr.warp([view, ibr.background_layer(view, path)], path, fill="background")
+
+
 def _bridges(setting: Setting) -> Cases:
     """A warp of steep surface through which rays of another view pass."""
     size = (33, 17)
@@ -387,14 +400,14 @@ def _cleanings(setting: Setting) -> Cases:
 GROUPS: dict[str, tuple[tuple[str, ...], tuple[Callable[[Setting], Cases], ...]]] = {
     "images": (
         ("lib", "picture", "cleaning", "warp"),
-        (_registrations, _splats, _lenses, _bridges, _bounds, _relit, _marked, _ribbons, _cleanings, _warps),
+        (_registrations, _splats, _lenses, _bridges, _bounds, _relit, _marked, _ribbons, _cleanings, _layers, _warps),
     ),
     "slices": (("raster", "slicing"), (_meshes, _rays, _sorted, _surfaces, _objects)),
     "reliefs": (("relief",), (_reliefs,)),
     "depth meshes": (("depthmesh",), (_depth_meshes,)),
 }
 """Folders of `kernels/`, and cases that together run every kernel in them."""
-_WITHOUT_COLORS = (_lenses, _warps, _bridges, _registrations, _cleanings)
+_WITHOUT_COLORS = (_lenses, _layers, _warps, _bridges, _registrations, _cleanings)
 
 
 def run_all(setting: Setting, launches: Launches, group: str) -> Ran:

@@ -94,7 +94,7 @@ def orbit(
         known, customary = options.things(things, exposed)
         cameras = way.cameras(known, frames, direction_of(up or customary))
         is_plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in known)
-        shown = gathered(known, fill_of(fill))
+        shown = gathered(known, fill_of(fill), cameras)
         for number, one in enumerate(with_progress(cameras, frames, "Drawing")):
             how: RenderOptions = {"samples": samples, "light": _light_of(one)} if is_plain else {"samples": samples}
             with warnings.catch_warnings():

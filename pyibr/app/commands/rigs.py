@@ -18,7 +18,7 @@ from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.commands.warp import drawn_views
 from pyibr.app.options import DeviceName, FillOption, Samples, device_of, fill_of, printable_text
 from pyibr.capture.quilt import QuiltRig, suffix_of, tiled
-from pyibr.capture.rigs import Rig
+from pyibr.capture.rigs import Rig, with_background
 from pyibr.capture.stereo import SUFFIXES, Layout, StereoRig, SyntheticView, joined
 
 _Output = Annotated[
@@ -115,7 +115,8 @@ def _draw(
         for place, views in with_progress(read_ahead(inputs.frames()), inputs.count, "Drawing"):
             first = views[0]
             rig = rig.fitted(lambda first=first: first.depth[first.valid])
-            made = drawn_views(views, rig.cameras(first.camera), drawing.samples, {"fill": fill_of(drawing.fill)})
+            cameras, fill = rig.cameras(first.camera), fill_of(drawing.fill)
+            made = drawn_views(with_background(views, cameras, fill), cameras, drawing.samples, {"fill": fill})
             covered = float(np.mean([one.valid.mean() for one in made]))
             picture, number = joined([one.color for one in made]), inputs.numbers[place] if inputs.numbers else 0
             outputs.write({"color": picture}, number, covered, made[0].camera)

@@ -18,10 +18,12 @@ from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.reading import Inputs, Reading, Sources
 from pyibr.app.commands.targets import Job, Move, Targets
 from pyibr.app.options import DeviceName, FillOption, Samples, device_of, fill_of, printable_text
+from pyibr.capture.rigs import with_background
 from pyibr.core.camera import Camera
 from pyibr.images import DepthImage, Frame
 from pyibr.images.depth_image import Side
 from pyibr.warp.blending import Blend
+from pyibr.warp.filling import Fill
 from pyibr.warp.view import Edges, Interpolation, Method, WarpOptions
 
 
@@ -92,7 +94,7 @@ def warp(
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
     how |= {"side": side, "fill": fill_of(fill), "thin": thin, "blend": blend}
     with device_of(device), outputs:
-        jobs = read_ahead(_jobs(inputs, targets, count, done))
+        jobs = read_ahead(_jobs(inputs, targets, count, done, how["fill"]))
         for views, camera, number in with_progress(jobs, count or 1, "Warping"):
             (frame,) = drawn_views(views, [camera], samples, how)
             images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}
@@ -124,11 +126,13 @@ def _done(outputs: Outputs, count: int | None, output: Path) -> set[int]:
     return done
 
 
-def _jobs(inputs: Inputs, targets: Targets, count: int | None, done: set[int]) -> Iterator[Job]:
+def _jobs(inputs: Inputs, targets: Targets, count: int | None, done: set[int], fill: Fill | None) -> Iterator[Job]:
     """Yield the views to draw, except finished ones."""
     if inputs.numbers is None:
         for _, views in inputs.frames():
-            yield from (job for job in targets.of_scene(views, count) if job.number not in done)
+            every = list(targets.of_scene(views, count))
+            shown = with_background(views, [job.target for job in every], fill)
+            yield from (job._replace(views=shown) for job in every if job.number not in done)
     else:
         for place, views in inputs.frames(done):
             yield targets.of_frame(views, place, inputs.numbers[place])
