@@ -254,7 +254,7 @@ class Undrawn:
     bounds = np.zeros(3), np.ones(3)
 
 
-@pytest.mark.parametrize("thing", [Undrawn(), 3, None, Square, ibr.ReliefSurface], ids=str)
+@pytest.mark.parametrize("thing", [Undrawn(), 3, None, Square, ibr.ReliefSurface])
 def test_what_is_not_drawable_is_named_in_one_sentence(thing):
     expected = r"^things: expected things that draw themselves \(`pyibr\.Drawable`\), or DepthImage, Mesh, got "
     with pytest.raises(ibr.ArgumentError, match=expected):

@@ -145,7 +145,7 @@ def disparity(path: Path) -> np.ndarray:
     return np.atleast_3d(np.asarray(Image.open(path)))[..., 0] / 4.0
 
 
-@pytest.mark.parametrize(("name", "figure"), zip(PAIRED, (5.3, 4.0, 3.0), strict=True))
+@pytest.mark.parametrize(("name", "figure"), list(zip(PAIRED, (5.3, 4.0, 3.0), strict=True)))
 def test_left_to_right(name, figure):
     view, camera, right = pair(name)
     frame = ibr.warp(view, camera, edges="cut")
@@ -173,7 +173,7 @@ def test_holes_of_a_stereo_pair_are_what_the_left_camera_did_not_see(name):
     assert metrics.hole_ratio(frame.valid, expected=seen) <= 1e-3
 
 
-@pytest.mark.parametrize(("name", "most"), zip(PAIRED, (24.0, 18.05, 21.3), strict=True))
+@pytest.mark.parametrize(("name", "most"), list(zip(PAIRED, (24.0, 18.05, 21.3), strict=True)))
 def test_filled_holes_of_photographs_look_like_what_was_hidden(name, most):
     error, inpainted = filled_error(*pair(name))
     assert error <= min(most, inpainted)
