@@ -66,6 +66,13 @@ def _blended_in_turns() -> list[NDArray[Any]]:
         return _blended()
 
 
+def _with_background() -> list[NDArray[Any]]:
+    view = view_of(scenes.stepped)
+    camera = view.camera.moved(0.2, 0.1, 0.3)
+    layer = ibr.background_layer(view, camera)
+    return [layer.color, layer.depth, *arrays_of(ibr.warp([view, layer], camera))]
+
+
 def _looked_through() -> list[NDArray[Any]]:
     views = scenes.ramp_and_empty(SIZE)
     return arrays_of(ibr.warp(views, views[0].camera.moved(0.1, 0.05, 0)))
@@ -138,6 +145,7 @@ def calls() -> dict[str, Call]:
         "looked through": _looked_through,
         "blended in turns": _blended_in_turns,
         "smooth": warped(fill="smooth"),
+        "background": _with_background,
         "thin": warped(thin=True, cut_ratio=1.001, classes=True),
         "lens": _through_a_lens,
         "samples": warped(samples=4),
