@@ -27,6 +27,7 @@ MODULES = {
     "raster": "raster.raster",
     "slicing": "slicing.slicing",
     "relief": "relief.relief",
+    "displaced": "displaced",
     "depthmesh": "depthmesh.depthmesh",
     "runtimes": "runtimes.runtimes",
     "pages": "app.pages",

@@ -36,7 +36,8 @@ class Plan:
     relief_plane: int  # turns
     relief_scenes: Mapping[str, int]  # turns by scene
     relief_steps: tuple[int, ...]  # steps of the linear search
-    relief_embree: int  # turns
+    displaced: Mapping[Size, int]  # turns by size
+    displaced_truth: int  # pieces of each side of the truth's triangles
     depthmesh_side: int  # side of the depth images and the pictures
     depthmesh_models: Mapping[str, int]  # turns by model
     depthmesh_tolerances: tuple[float, ...]  # pixels
@@ -101,7 +102,8 @@ FULL = Plan(
     relief_plane=21,
     relief_scenes={"torus": 31, "teapot": 31, "human": 15, "spot": 15, "room": 7},
     relief_steps=(8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096),
-    relief_embree=7,
+    displaced={(160, 120): 15, (640, 480): 11, (1600, 1200): 5},
+    displaced_truth=75,
     depthmesh_side=512,
     depthmesh_models={"dragon": 21, "bunny": 21, "female": 21, "male": 21, "spot": 21},
     depthmesh_tolerances=(1, 4, 16),
@@ -175,7 +177,8 @@ QUICK = Plan(
     relief_plane=1,
     relief_scenes={"torus": 1, "teapot": 1},
     relief_steps=(8, 32),
-    relief_embree=1,
+    displaced={(64, 48): 1},
+    displaced_truth=9,
     depthmesh_side=64,
     depthmesh_models={"donut": 1, "dragon": 1},
     depthmesh_tolerances=(1, 4),

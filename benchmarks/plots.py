@@ -162,6 +162,26 @@ def simplification(series: Mapping[str, Mapping[str, Sequence[tuple[float, float
     _save(figure, path)
 
 
+def displaced(
+    points: Mapping[tuple[str, str], Mapping[str, tuple[float, float]]], ours: Sequence[str], path: Path
+) -> None:
+    """Plot time against error: a panel for each map, a line of meshes and marks of `ours` for each size of picture."""
+    maps, sizes = (list(dict.fromkeys(key[axis] for key in points)) for axis in (0, 1))
+    figure, panels = _panels(len(maps))
+    for (name, size), found in points.items():
+        panel, color = panels[maps.index(name)], f"C{sizes.index(size)}"
+        error, time = np.array([value for subject, value in found.items() if subject not in ours]).T
+        panel.plot(100 * error, time, "o-", color=color, ms=4, label=f"meshes, {size}")
+        for mark, subject in zip("*PsD", ours, strict=True):
+            label = subject if size == sizes[0] else None
+            panel.plot(100 * found[subject][0], found[subject][1], mark, color=color, ms=10, mec="k", label=label)
+    for name, panel in zip(maps, panels, strict=True):
+        _logarithmic(panel, "time of a picture [ms]", "mean error [% of the map's depth]")
+        panel.set_xscale("log")
+        panel.set_title(f"{name} map", fontsize=10)
+    _save(figure, path)
+
+
 def _panels(count: int) -> tuple[Any, list[Any]]:
     # pyplot would search for a window system, and keep its figures open.
     from matplotlib.figure import Figure

@@ -1,17 +1,12 @@
-"""Compares relief mapping with the paper's frame rate, with Mesa's llvmpipe, and with displaced meshes."""
+"""Compares relief mapping with the paper's frame rate and with Mesa's llvmpipe."""
 
 from __future__ import annotations
 
 import functools
-import os
-import time
 from collections.abc import Iterator
-from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import pyibr as ibr
 from benchmarks import llvmpipe
@@ -19,7 +14,6 @@ from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import bricks, scanned
-from benchmarks.tessellated import CUTS, size_of, subject, tessellated
 from pyibr.capture import models
 from pyibr.opencl.device import current
 from pyibr.opencl.memory import empty
@@ -28,7 +22,6 @@ from pyibr.relief import draw_relief
 
 SIZE = (800, 600)
 PLANE, PLANE_SAFE = "linear, 32 + 6 steps", "safe"
-OURS, OURS_LINEAR = "pyibr", "pyibr, linear search"
 PEER, PEER_FLOAT = "llvmpipe, heights in 8 bits", "llvmpipe, heights in float"
 PAPER_RATE = 85.0  # frames per second on a GeForce 6800 GT; the monitor allows no more
 BARS = {"plane": 0.3, "same picture": 45.0}
@@ -49,7 +42,7 @@ EQUAL = 2e-3  # fraction of pixels that may lie a texel too far, as the tests al
 
 
 def cases(plan: Plan) -> Iterator[Case]:
-    """Yield the cases of the plane, of the scenes, of numbers of steps, and of ray casting."""
+    """Yield the cases of the plane, of the scenes, and of numbers of steps."""
     yield Case({"case": "plane"}, functools.partial(_plane, plan.relief_plane))
     for name, repeats in plan.relief_scenes.items():
         scenes = ROOMS if name == "room" else (name,)
@@ -58,7 +51,6 @@ def cases(plan: Plan) -> Iterator[Case]:
             yield Case({"case": "scene", "scene": scene}, functools.partial(make, scene, repeats))
     for name in MAPS:
         yield Case({"case": "steps", "map": name}, functools.partial(_steps, name, plan.relief_steps))
-    yield Case({"case": "embree"}, functools.partial(_embree, plan.relief_embree))
 
 
 def _square() -> ibr.Mesh:
@@ -216,96 +208,3 @@ def _mean_steps(thing: ibr.ReliefSurface, camera: ibr.Camera) -> float:
         draw_relief(Target(camera, np.dtype(np.uint8)), thing, None, counters=counts)
         searches, steps = counts.to_host().reshape(-1, 2).sum(axis=0, dtype=np.int64)
     return float(steps / searches)
-
-
-def _embree(repeats: int) -> Work | Skip:
-    """Compare the torus with its displaced mesh (two triangles per texel, cast by Open3D) and with pyibr's meshes."""
-    try:
-        o3d: Any = import_module("open3d")
-    except ImportError as error:
-        return Skip("Embree", str(error))
-    height, color = bricks(128)
-    tiles, scale = (10, 4), 0.05
-    camera = ibr.Camera.look_at((1.7, -2.8, 2.2), (0, 0, 0), (0, 0, 1), SIZE, fov_y=42)
-    vertices, faces = _displaced_torus(height, tiles, scale)
-    base = models.donut(48)
-    reliefs = {
-        OURS: ibr.ReliefSurface(base, height, color, scale, tiles=tiles),
-        OURS_LINEAR: ibr.ReliefSurface(base, height, color, scale, tiles=tiles, **WAYS["linear"]),
-    }
-    meshes = {subject(cut): tessellated(48, height, color, (-scale, 0.0), tiles, cut) for cut in CUTS}
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T @ camera.world_from_camera[:3, :3].T
-    packed = np.concatenate([np.broadcast_to(camera.center, rays.shape), rays], axis=-1).astype(np.float32)
-
-    def build() -> Any:
-        scene = o3d.t.geometry.RaycastingScene()
-        scene.add_triangles(vertices, faces)
-        scene.cast_rays(packed[:1, :1])  # Open3D builds its tree at the first ray
-        return scene
-
-    before = _resident()
-    built = build()
-    grown = _resident() - before
-    things: dict[str, Any] = {**reliefs, **meshes}
-    subjects: dict[str, Subject] = {
-        name: functools.partial(ibr.render, thing, camera) for name, thing in things.items()
-    }
-    subjects["Embree, cast"] = lambda: built.cast_rays(packed)["t_hit"].numpy()
-
-    def read() -> Iterator[Record]:
-        parameters: dict[str, Parameter] = {"case": "embree"}
-        start = time.perf_counter()
-        build()
-        yield Record("Embree, build", "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
-        if grown > 0:
-            yield Record("Embree, build", "memory", "bytes", parameters, [grown])
-        fresh = {
-            f"{OURS}, first frame": lambda: ibr.ReliefSurface(base, height, color, scale, tiles=tiles),
-            f"{subject(CUTS[0])}, first frame": lambda: tessellated(48, height, color, (-scale, 0.0), tiles, CUTS[0]),
-        }
-        for name, make in fresh.items():
-            start = time.perf_counter()
-            ibr.render(make(), camera)
-            yield Record(name, "end to end", "ms", parameters, [1e3 * (time.perf_counter() - start)])
-        yield Record("Embree, cast", "triangles", "count", parameters, [len(faces)])
-        yield Record("Embree, cast", "memory", "bytes", parameters, [vertices.nbytes + faces.nbytes])
-        for name, relief in reliefs.items():
-            levels = relief.levels
-            ours = levels.texels.nbytes + levels.bounds.nbytes + base.vertices.nbytes + base.faces.nbytes
-            yield Record(name, "memory", "bytes", parameters, [ours + 64 * len(base.vertices)])
-            yield Record(name, "triangles", "count", parameters, [len(base.faces)])
-        for name, mesh in meshes.items():
-            yield Record(name, "memory", "bytes", parameters, [size_of(mesh)])
-            yield Record(name, "triangles", "count", parameters, [len(mesh.faces)])
-        truth = built.cast_rays(packed)["t_hit"].numpy()
-        solid = np.isfinite(truth)
-        for name, thing in things.items():
-            frame = ibr.render(thing, camera)
-            same = float((frame.valid & solid).sum() / (frame.valid | solid).sum())
-            yield Record(name, "silhouette (IoU)", "share", parameters, [same])
-            off = float(np.median(np.abs(frame.depth - truth)[frame.valid & solid]) / scale)
-            yield Record(name, "depth error", "share", parameters, [off])
-
-    return Work(subjects, repeats, read)
-
-
-def _resident() -> int:
-    """Resident bytes of this process; 0 if the system does not report them."""
-    told = Path("/proc/self/statm")
-    return int(told.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if told.is_file() else 0
-
-
-def _displaced_torus(height: NDArray[Any], tiles: tuple[int, int], scale: float) -> tuple[NDArray[Any], NDArray[Any]]:
-    rows, columns = height.shape[0] * tiles[1], height.shape[1] * tiles[0]
-    u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
-    a, b = 2 * np.pi * u, 2 * np.pi * v
-    depth = scale * (1 - np.tile(height, tiles[::-1]) / 255)
-    tube = 0.4 - depth
-    ring = 1 + tube * np.cos(b)
-    vertices = np.stack([ring * np.cos(a), ring * np.sin(a), tube * np.sin(b)], axis=-1).reshape(-1, 3)
-    y, x = np.mgrid[:rows, :columns]
-    here, right = (y * columns + x).ravel(), (y * columns + (x + 1) % columns).ravel()
-    down, across = ((y + 1) % rows * columns + x).ravel(), ((y + 1) % rows * columns + (x + 1) % columns).ravel()
-    faces = np.concatenate([np.stack([here, right, across], 1), np.stack([here, across, down], 1)])
-    return vertices.astype(np.float32), faces.astype(np.uint32)

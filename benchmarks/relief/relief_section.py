@@ -38,22 +38,9 @@ Two maps are seen at 15 degrees: *bricks*, and *thin*, in which single texels an
 of pixels whose depth is more than a texel too large. Steps include bisections.
 """
 
-RELIEF_EMBREE = """### Compared with the displaced mesh
-
-The displaced torus is ray cast by Embree, as a mesh with two triangles per texel. pyibr draws coarser meshes of it,
-too: each triangle of the base is cut into several. Memory is that of vertices, triangles and maps, without colours; in
-the row of the build, it is the growth of the process. The silhouettes' IoU and the depth error (the median, relative to
-the relief's depth) are measured against Embree's picture.
-
-A mesh is closer to the truth in depth and outline, but takes many times the memory. A mesh's time grows with its
-triangles, a relief's with the picture's pixels. A coarse mesh takes less time than a relief with exact distances, and
-more than one with the linear search. A relief's tiles, scale and maps can be changed without making a mesh again. Far
-away, a relief's maps are filtered, while a mesh's triangles become smaller than pixels.
-"""
-
 
 def relief_section(result: Result, folder: Path) -> list[str]:
-    """Make the parts on the plane, the scenes, numbers of steps, and the displaced mesh."""
+    """Make the parts on the plane, the scenes, and numbers of steps."""
     parts = [RELIEF.format(rate=relief.PAPER_RATE)]
     plane = {record.subject: record.values for record in result.select(case="plane", quantity="end to end")}
     same = {record.subject: record.values[0] for record in result.select(case="plane", unit="dB")}
@@ -95,16 +82,7 @@ def relief_section(result: Result, folder: Path) -> list[str]:
         "bar, a second",
         "",
     ]
-    parts += [RELIEF_SCENES, table(head, rows), RELIEF_STEPS, *_relief_steps(result)]
-    rows = []
-    for record in result.select(case="embree", quantity="end to end"):
-        more = {r.quantity: r.values[0] for r in result.select(case="embree", subject=record.subject)}
-        memory = number(more["memory"] / 2**20) if "memory" in more else ""
-        triangles = f"{more['triangles']:.0f}" if "triangles" in more else ""
-        same = f"{more['silhouette (IoU)']:.4f}" if "silhouette (IoU)" in more else ""
-        off = number(more["depth error"]) if "depth error" in more else ""
-        rows.append([record.subject, str(Quartiles.of(record.values)), triangles, memory, same, off])
-    return [*parts, RELIEF_EMBREE, table(["", "ms", "triangles", "MiB", "IoU", "depth error"], rows)]
+    return [*parts, RELIEF_SCENES, table(head, rows), RELIEF_STEPS, *_relief_steps(result)]
 
 
 def _relief_steps(result: Result) -> list[str]:

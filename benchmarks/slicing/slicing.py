@@ -19,7 +19,6 @@ from benchmarks.cases import Plan
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from benchmarks.scenes import bumps, scanned
-from benchmarks.tessellated import CUTS, size_of, subject, tessellated
 from pyibr.capture import MeshScene, models, object_views
 from pyibr.slicing import alpha_tests
 
@@ -128,7 +127,7 @@ def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 def _donut(repeats: int) -> Work:
-    """Time fur on the paper's donut, drawn by slices and as meshes."""
+    """Time fur on the paper's donut."""
     rng = np.random.default_rng(1)
     fur = (rng.random((64, 64)) ** 3).astype(np.float32)
     color = np.repeat((60 + 190 * fur[..., None]).astype(np.uint8), 3, axis=2)
@@ -148,7 +147,6 @@ def _donut(repeats: int) -> Work:
         )
 
     base = models.donut(25)
-    meshes = {subject(cut): tessellated(25, fur, color, (0.0, _SCALE), (8, 4), cut) for cut in CUTS}
     parameters: dict[str, Parameter] = {"case": "donut"}
 
     def read() -> Iterator[Record]:
@@ -158,13 +156,9 @@ def _donut(repeats: int) -> Work:
             yield Record(name, "alpha tests", "samples", parameters, [float(alpha_tests(surface, camera).sum())])
             memory = fur.nbytes + base.vertices.nbytes + base.faces.nbytes
             yield Record(name, "memory", "bytes", parameters, [memory])
-        for name, mesh in meshes.items():
-            yield Record(name, "memory", "bytes", parameters, [size_of(mesh)])
-            yield Record(name, "triangles", "count", parameters, [len(mesh.faces)])
 
-    things: dict[str, Any] = {**surfaces, **meshes}
     subjects: dict[str, Subject] = {
-        name: functools.partial(ibr.render, thing, camera) for name, thing in things.items()
+        name: functools.partial(ibr.render, surface, camera) for name, surface in surfaces.items()
     }
     return Work(subjects, repeats, read)
 

@@ -42,9 +42,7 @@ object's kinds of texture.
 DONUT = """### The donut
 
 Fur on a donut of 625 polygons is drawn with {slices} slices, at {width} x {height}. The paper reports {low:.0f} to
-{high:.0f} frames per second on the GeForce 2 GTS. The same fur is also drawn as meshes, whose base triangles are cut
-into several. Coarse meshes are faster but lose hairs; fine meshes take more time, and hundreds of times the memory.
-Memory is that of vertices, triangles and heights, without colours.
+{high:.0f} frames per second on the GeForce 2 GTS. Memory is that of vertices, triangles and heights, without colours.
 """
 
 DIRECTIONS = """### Directions of slicing
