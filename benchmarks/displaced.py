@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,11 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 from benchmarks.cases import Plan
+from benchmarks.relief.outlines import scene_of, subdivided
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Subject, Work
 from pyibr.capture import models
+from pyibr.meshes.heights import height_at
 
 Heights = NDArray[np.float32]
 
@@ -73,41 +74,18 @@ def _base() -> ibr.Mesh:
 def _cut(base: ibr.Mesh, height: Heights, tiles: tuple[int, int], cut: int) -> ibr.Mesh:
     """Cut each triangle into cut x cut triangles, and displace their vertices inwards along the normals."""
     assert base.normals is not None and base.uv is not None
-    parts = [(i, j) for i in range(cut + 1) for j in range(cut + 1 - i)]
-    number = {part: k for k, part in enumerate(parts)}
-    weights = np.array([(cut - i - j, i, j) for i, j in parts]) / cut
-    points, normals, uv = (
-        np.einsum("kw,twc->tkc", weights, rows.astype(np.float64)[base.faces])
-        for rows in (base.vertices, base.normals, base.uv)
-    )
-    points -= (1 - _bilinear(height, uv * tiles)[..., None]) * SCALE * normals
-    cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in parts if i + j < cut]
-    cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in parts if i + j < cut - 1]
-    faces = np.arange(len(points))[:, None, None] * len(parts) + np.array(cells)
-    return ibr.Mesh(points.reshape(-1, 3), faces.reshape(-1, 3), uv=uv.reshape(-1, 2) * tiles)
-
-
-def _bilinear(height: Heights, uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Interpolate heights between the texel centres of a repeating map."""
-    (rows, columns), (x, y) = height.shape, np.moveaxis(uv * height.shape[::-1] - 0.5, -1, 0)
-    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    fx, fy = x - left, y - top
-    upper, lower = (
-        height[row % rows, left % columns] * (1 - fx) + height[row % rows, (left + 1) % columns] * fx
-        for row in (top, top + 1)
-    )
-    return upper * (1 - fy) + lower * fy
+    (points, normals, uv), faces = subdivided(base.faces, cut, base.vertices, base.normals, base.uv)
+    uv *= tiles
+    points -= (1 - height_at(height, uv, ("repeat", "repeat"))[:, None]) * SCALE * normals
+    return ibr.Mesh(points, faces, uv=uv)
 
 
 def _cast(mesh: ibr.Mesh) -> Any | Skip:
     """Open3D's scene of a mesh."""
     try:
-        o3d = import_module("open3d")
+        return scene_of(mesh.vertices, mesh.faces)
     except ImportError as error:
         return Skip("Embree", str(error))
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.array(mesh.vertices), mesh.faces.astype(np.uint32))
-    return scene
 
 
 def _case(

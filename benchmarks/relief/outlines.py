@@ -133,16 +133,20 @@ def carved_scene(relief: ibr.ReliefSurface, fine: int = CUTS) -> Any:
     mesh, uv = relief.drawn, np.asarray(relief.drawn.uv, np.float64) * relief.tiles
     texels = np.ptp(uv[mesh.faces], axis=1) * relief.height.shape[::-1] * (np.ptp(relief.height) > 0)
     cuts = max(fine, int(np.ceil(fine * np.quantile(texels, 0.99))))
+    (points, offsets, places), faces = subdivided(mesh.faces, cuts, mesh.vertices, relief.offsets, uv)
+    return scene_of(points - (1 - height_at(relief.height, places, relief.wrap))[:, None] * offsets, faces)
+
+
+def subdivided(faces: NDArray[Any], cuts: int, *values: NDArray[Any]) -> tuple[list[Float64], NDArray[np.intp]]:
+    """Cut each triangle into `cuts` x `cuts` triangles: the vertices' interpolated values, and the new triangles."""
     parts = [(i, j) for i in range(cuts + 1) for j in range(cuts + 1 - i)]
     number = {part: k for k, part in enumerate(parts)}
     weights = np.array([(cuts - i - j, i, j) for i, j in parts]) / cuts
-    values = (mesh.vertices.astype(np.float64), relief.offsets, uv)
-    points, offsets, places = (np.einsum("kw,twc->tkc", weights, rows[mesh.faces]) for rows in values)
-    points -= (1 - height_at(relief.height, places, relief.wrap))[..., None] * offsets
+    between = [np.einsum("kw,twc->tkc", weights, rows.astype(np.float64)[faces]) for rows in values]
     cells = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < cuts]
     cells += [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in number if i + j < cuts - 1]
-    faces = np.arange(len(points))[:, None, None] * len(parts) + np.array(cells)
-    return scene_of(points.reshape(-1, 3), faces.reshape(-1, 3))
+    made = np.arange(len(faces))[:, None, None] * len(parts) + np.array(cells)
+    return [rows.reshape(-1, rows.shape[-1]) for rows in between], made.reshape(-1, 3)
 
 
 def around(mesh: ibr.Mesh, turn: float, size: int = SIZE) -> ibr.Camera:
