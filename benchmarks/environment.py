@@ -28,7 +28,7 @@ PACKAGES = {
 }
 
 
-_SOURCES = (":(top)", ":(top,exclude)benchmarks/results")  # a run itself writes results
+_SOURCES = (":(top)", ":(top,exclude)benchmarks/results", ":(top,exclude)docs/*.md")  # a run itself writes results
 
 
 def environment() -> dict[str, Any]:
@@ -66,7 +66,7 @@ def cpu_model() -> str:
 
 
 def commit() -> str | None:
-    """Return the commit that is checked out, with "+" if tracked files outside the results differ; None without git."""
+    """Return the commit that is checked out, with "+" if code differs; None without git."""
     here = Path(__file__).parent
 
     def git(*arguments: str) -> str:

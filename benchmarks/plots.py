@@ -178,7 +178,10 @@ def displaced(
     for name, panel in zip(maps, panels, strict=True):
         _logarithmic(panel, "time of a picture [ms]", "mean error [% of the map's depth]")
         panel.set_xscale("log")
+        panel.xaxis.set_minor_formatter(lambda value, _: "")
         panel.set_title(f"{name} map", fontsize=10)
+        panel.get_legend().remove()
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     _save(figure, path)
 
 
