@@ -20,6 +20,7 @@ from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX
 from pyibr.depthmesh.viewpoints import Viewpoints
 from pyibr.images import DepthImage
+from pyibr.images.depth_image import check_seen
 from pyibr.images.exposure import exposure_gains
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
@@ -264,6 +265,7 @@ def _checked_meshes(views: object, segmentation: Segmentation | None) -> list[De
         elif not view.valid.any():
             raise ArgumentError("views", "views with valid depth", f"none in view {number}")
         else:
+            check_seen(view, number)
             meshes.append(DepthMesh(view, segmentation=segmentation))
     _check_connected([mesh.view for mesh in meshes])
     return meshes

@@ -77,7 +77,8 @@ class DepthImage(Immutable, Pictured):
         `clean_depth` takes the same argument.
     guessed : bool
         The samples are guesses of surface that other views do not see (`background_layer`). `warp` and `render` show
-        them only in holes, as one surface without depth edges; `valid` stays False there. They cast no shadows.
+        them only in holes, as one surface without depth edges; `valid` stays False there. They cast no shadows, and
+        solids refuse them.
 
     Attributes
     ----------
@@ -355,3 +356,9 @@ def checked_depth(depth: object, shape: tuple[int | None, ...], argument: str = 
         return array
     with np.errstate(over="ignore"):  # depths beyond the range of float32 become infinite
         return array.astype(np.float32)
+
+
+def check_seen(view: DepthImage, number: int) -> None:
+    """Raise ArgumentError if a view of a solid is a guess, which would cut the solid's parts in front of it away."""
+    if view.guessed:
+        raise ArgumentError("views", "views that saw the object", f"a guess (guessed=True) as view {number}")
