@@ -137,12 +137,12 @@ class DepthImage(Immutable, Pictured):
         if not isinstance(noise, DepthNoise):  # a DepthNoise comes from another image with the same depth
             given = None if noise is None else checked_noise(noise, self.depth, self.far, camera.projection)
             noise = DepthNoise(self.depth, self.far, given)
-        self._noise = noise
+        self.depth_noise = noise  # shared with images of the same depth in other colours
         self.guessed = checked_bool("guessed", guessed)
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
         color = self.color if self.has_color else None
-        options = {"far": self.far, "normals": self.normals, "noise": self._noise.given, "guessed": self.guessed}
+        options = {"far": self.far, "normals": self.normals, "noise": self.depth_noise.given, "guessed": self.guessed}
         return partial(DepthImage, **options), (color, self.depth, self.camera)
 
     def _with_color(self, color: Color | None) -> DepthImage:
@@ -153,7 +153,7 @@ class DepthImage(Immutable, Pictured):
             self.camera,
             far=self.far,
             normals=self.normals,
-            noise=self._noise,
+            noise=self.depth_noise,
             guessed=self.guessed,
         )
 
@@ -210,17 +210,12 @@ class DepthImage(Immutable, Pictured):
 
     @property
     def noise(self) -> tuple[float, float, float]:
-        return self._noise.deviation
-
-    @property
-    def depth_noise(self) -> DepthNoise:
-        """The depth's noise, shared with images of the same depth in other colours."""
-        return self._noise
+        return self.depth_noise.deviation
 
     @property
     def steps(self) -> tuple[float, float, float]:
         """(a, b, c): if depths are quantized, levels at depth z lie a z^2 + b z + c apart. Estimated on first use."""
-        return self._noise.steps
+        return self.depth_noise.steps
 
     @property
     def points(self) -> Float64:

@@ -51,10 +51,8 @@ class Solid(Immutable):
         self.halvings = checked_halvings(halvings)
         self.slices: Slices = checked_slices(slices)
         self.only = checked_only(only, self.slices)
-        one_of("slicing", slicing, SolidSlicing)
-        self.slicing: SolidSlicing = slicing
-        one_of("texture", texture, Texture)
-        self.texture: Texture = texture
+        self.slicing: SolidSlicing = one_of("slicing", slicing, SolidSlicing)
+        self.texture: Texture = one_of("texture", texture, Texture)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {len(self.views)} views, {slices_text(self.slices)}>"
