@@ -67,6 +67,7 @@ if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     plt.rcParams |= {"font.family": "DejaVu Sans"}
     save("room.jpg", room.first_page(), 80)
+    save("film-strip.jpg", room.film_strip(), 70)
     for name, picture in room.choices().items():
         ibr.write_color(IMAGES / f"choose-{name}.jpg", picture)
     save("terrain.jpg", terrain(), 110)

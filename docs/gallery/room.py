@@ -172,7 +172,10 @@ def first_page() -> Figure:
     """Draw a photograph, its depth, a new view, and the same view with its holes filled."""
     view = photograph()
     aside = CAMERA.moved(0.25, -0.08, 0.1)
-    new, filled = ibr.warp(view, aside, samples=4), ibr.warp(view, aside, fill="background", samples=4)
+    layer = ibr.background_layer(view, aside, fill="exemplar")
+    new, filled = (
+        ibr.warp(views, aside, fill=fill, samples=4) for views, fill in ((view, None), ([view, layer], "background"))
+    )
     hidden = np.where(new.valid[..., None], new.color, (255, 64, 160))
     near = plt.get_cmap("turbo")((1 / view.depth - 1 / BACK) / (1 / 2.2 - 1 / BACK))
     panels = {
@@ -185,6 +188,25 @@ def first_page() -> Figure:
     for axes, (name, image) in zip(rows.ravel(), panels.items(), strict=True):
         bare(axes).imshow(image)
         axes.set_title(name, loc="left", fontsize=14)
+    return figure
+
+
+def film_strip() -> Figure:
+    """Draw a part of some frames of a film, with the holes filled in three ways, and the same part rendered."""
+    view, part = photograph(), np.s_[225:425, 250:460]
+    path = [CAMERA.moved(0.06 * k, 0, 0) for k in range(1, 6)]
+    layers = [ibr.background_layer(view, path, fill=fill) for fill in ("background", "exemplar")]
+    rows = {
+        "each frame filled for itself": ibr.warp(view, path, fill="background"),
+        "one layer of background": ibr.warp([view, layers[0]], path, fill="background"),
+        "the same, with exemplars": ibr.warp([view, layers[1]], path, fill="background"),
+        "the room from there": [ibr.render(list(room()), camera, LIGHT, samples=4) for camera in path],
+    }
+    figure, grid = plt.subplots(len(rows), len(path), figsize=(13, 10.6), layout="constrained")
+    for row, (name, frames) in zip(grid, rows.items(), strict=True):
+        for axes, frame in zip(row, frames, strict=True):
+            bare(axes).imshow(frame.color[part])
+        row[0].set_title(name, loc="left", fontsize=14)
     return figure
 
 

@@ -41,10 +41,8 @@ def quilt(
 
     Parameters
     ----------
-    things : thing or sequence of things
-        As for `render`; depth images among them form one `WarpedView`.
-    camera : Camera, optional
-        Middle camera, perspective; its lens is ignored. By default the camera of the first depth image.
+    things, camera, fill, **how
+        As for `stereo`.
     grid : (columns, rows)
         At least 2 views, at most 1024.
     size : (width, height), optional
@@ -55,10 +53,6 @@ def quilt(
     focus : float, optional
         Depth of the display's plane, in scene units. By default the median depth of the first depth image, or of the
         scene as `camera` sees it.
-    fill : {"background", "smooth", "inpaint", None}
-        Content of regions that no depth image saw, as for `WarpedView`.
-    **how
-        Options of `render`: `light`, `background`, `samples`, `anisotropy`.
 
     Returns
     -------

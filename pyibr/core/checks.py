@@ -225,12 +225,13 @@ def cut_ratio_from(value: float) -> float:
     return number_from("cut_ratio", value, math.nextafter(1.0, 2.0), math.inf, "a ratio greater than 1")
 
 
-def one_of(argument: str, value: object, choices: Any, also: str = "") -> None:
-    """Raise ArgumentError unless `value` is one of a Literal's strings."""
+def one_of(argument: str, value: _Kind, choices: Any, also: str = "") -> _Kind:
+    """Return `value` if it is one of a Literal's strings, or raise ArgumentError."""
     known = choices.__args__  # same as `typing.get_args`, which takes longer than the rest of this function
     if not isinstance(value, str) or value not in known:
         expected = ", ".join(f'"{choice}"' for choice in known)
         raise ArgumentError(argument, f"one of {expected}{also}", describe(value))
+    return value
 
 
 _COLOR_ROUNDING = 1e-3

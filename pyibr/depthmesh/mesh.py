@@ -111,8 +111,7 @@ class DepthMesh(Immutable):
         self.view = undistorted(view)
         self.tolerance = checked_tolerance("tolerance", tolerance)
         self.segmentation = rule
-        one_of("errors", errors, ErrorsBy)
-        self.errors: ErrorsBy = errors
+        self.errors: ErrorsBy = one_of("errors", errors, ErrorsBy)
         self.reuse = number_from("reuse", reuse, 0.0, REUSE_MAX, "a number from 0 to 0.5")
 
     def __repr__(self) -> str:

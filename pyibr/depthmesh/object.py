@@ -20,6 +20,7 @@ from pyibr.depthmesh.segmentation import Segmentation
 from pyibr.depthmesh.selection import REUSE_MAX
 from pyibr.depthmesh.viewpoints import Viewpoints
 from pyibr.images import DepthImage
+from pyibr.images.depth_image import check_seen
 from pyibr.images.exposure import exposure_gains
 from pyibr.opencl.device import one_call
 from pyibr.opencl.device_cache import cached_on_device
@@ -119,19 +120,15 @@ class DepthMeshObject(Immutable):
     ) -> None:
         self.meshes = _checked_meshes(views, segmentation)
         self.tolerance = checked_tolerance("tolerance", tolerance)
-        one_of("blend", blend, Blend)
-        self.blend: Blend = blend
+        self.blend: Blend = one_of("blend", blend, Blend)
         self.blended = min(integer_from("blended", blended, 1, _BLENDED_MAX), len(self.meshes))
         self._epsilon = None if epsilon is None else checked_tolerance("epsilon", epsilon)
         if not isinstance(closed, bool) and closed != "sheets":  # pyright: ignore[reportUnnecessaryComparison]
             raise ArgumentError("closed", 'True, False or "sheets"', describe(closed))
         self.closed: Closed = closed
-        one_of("missing", missing, Missing)
-        self.missing: Missing = missing
-        checked_bool("match_exposures", match_exposures)
-        self.match_exposures = match_exposures
-        one_of("choose", choose, Choice)
-        self.choose: Choice = choose
+        self.missing: Missing = one_of("missing", missing, Missing)
+        self.match_exposures = checked_bool("match_exposures", match_exposures)
+        self.choose: Choice = one_of("choose", choose, Choice)
         self.reuse = number_from("reuse", reuse, 0.0, REUSE_MAX, "a number from 0 to 0.5")
 
     def __repr__(self) -> str:
@@ -264,6 +261,7 @@ def _checked_meshes(views: object, segmentation: Segmentation | None) -> list[De
         elif not view.valid.any():
             raise ArgumentError("views", "views with valid depth", f"none in view {number}")
         else:
+            check_seen(view, number)
             meshes.append(DepthMesh(view, segmentation=segmentation))
     _check_connected([mesh.view for mesh in meshes])
     return meshes

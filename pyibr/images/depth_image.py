@@ -77,7 +77,8 @@ class DepthImage(Immutable, Pictured):
         `clean_depth` takes the same argument.
     guessed : bool
         The samples are guesses of surface that other views do not see (`background_layer`). `warp` and `render` show
-        them only in holes, as one surface without depth edges; `valid` stays False there. They cast no shadows.
+        them only in holes, as one surface without depth edges; `valid` stays False there. They cast no shadows, and
+        solids refuse them.
 
     Attributes
     ----------
@@ -136,12 +137,12 @@ class DepthImage(Immutable, Pictured):
         if not isinstance(noise, DepthNoise):  # a DepthNoise comes from another image with the same depth
             given = None if noise is None else checked_noise(noise, self.depth, self.far, camera.projection)
             noise = DepthNoise(self.depth, self.far, given)
-        self._noise = noise
+        self.depth_noise = noise  # shared with images of the same depth in other colours
         self.guessed = checked_bool("guessed", guessed)
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
         color = self.color if self.has_color else None
-        options = {"far": self.far, "normals": self.normals, "noise": self._noise.given, "guessed": self.guessed}
+        options = {"far": self.far, "normals": self.normals, "noise": self.depth_noise.given, "guessed": self.guessed}
         return partial(DepthImage, **options), (color, self.depth, self.camera)
 
     def _with_color(self, color: Color | None) -> DepthImage:
@@ -152,7 +153,7 @@ class DepthImage(Immutable, Pictured):
             self.camera,
             far=self.far,
             normals=self.normals,
-            noise=self._noise,
+            noise=self.depth_noise,
             guessed=self.guessed,
         )
 
@@ -209,17 +210,12 @@ class DepthImage(Immutable, Pictured):
 
     @property
     def noise(self) -> tuple[float, float, float]:
-        return self._noise.deviation
-
-    @property
-    def depth_noise(self) -> DepthNoise:
-        """The depth's noise, shared with images of the same depth in other colours."""
-        return self._noise
+        return self.depth_noise.deviation
 
     @property
     def steps(self) -> tuple[float, float, float]:
         """(a, b, c): if depths are quantized, levels at depth z lie a z^2 + b z + c apart. Estimated on first use."""
-        return self._noise.steps
+        return self.depth_noise.steps
 
     @property
     def points(self) -> Float64:
@@ -355,3 +351,9 @@ def checked_depth(depth: object, shape: tuple[int | None, ...], argument: str = 
         return array
     with np.errstate(over="ignore"):  # depths beyond the range of float32 become infinite
         return array.astype(np.float32)
+
+
+def check_seen(view: DepthImage, number: int) -> None:
+    """Raise ArgumentError if a view of a solid is a guess, which would cut the solid's parts in front of it away."""
+    if view.guessed:
+        raise ArgumentError("views", "views that saw the object", f"a guess (guessed=True) as view {number}")

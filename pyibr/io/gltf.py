@@ -64,7 +64,8 @@ def read_cameras(path: Path, size: tuple[int, int] | None) -> dict[str, Camera]:
                 camera = _item_of(scene, "cameras", node["camera"])
                 fx, fy, projection = _scales(camera, width, height)
                 K = [[fx, 0, (width - 1) / 2], [0, fy, (height - 1) / 2], [0, 0, 1]]
-                made = Camera(K, (width, height), _unscaled(matrix) @ CV_FROM_GL, projection=projection)
+                matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)  # without the node's scale
+                made = Camera(K, (width, height), matrix @ CV_FROM_GL, projection=projection)
                 found[str(node.get("name", number))] = made
     if not found:
         raise FileFormatError(f"{path}: no camera in its scene")
@@ -77,13 +78,6 @@ def _scales(camera: dict[str, Any], width: int, height: int) -> tuple[float, flo
         return focal, focal, "perspective"
     half = [positive(name, camera["orthographic"][name]) for name in ("xmag", "ymag")]
     return width / 2 / half[0], height / 2 / half[1], "orthographic"
-
-
-def _unscaled(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A node's position and orientation, without its scale."""
-    pose = matrix.copy()
-    pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
-    return pose
 
 
 def mesh_bytes(mesh: MeshArrays, double_sided: bool) -> bytes:

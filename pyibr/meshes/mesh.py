@@ -93,8 +93,7 @@ class Mesh(Immutable, Shown):
         sides: Sides = "both",
         attributes: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        one_of("sides", sides, Sides)
-        self.sides: Sides = sides
+        self.sides: Sides = one_of("sides", sides, Sides)
         points = _in_float32("vertices", numbers("vertices", vertices, (None, 3)))
         corners = checked_faces(faces, len(points))
         along = None if normals is None else _checked_normals(normals, len(points))

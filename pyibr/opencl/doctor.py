@@ -50,7 +50,9 @@ def report() -> Report:
     faults = [*problems(), *(Problem(what, remedy) for what, remedy in clashes())]
     if fault := cache_fault():
         faults.append(Problem(*fault))
-    return Report(_versions(), cache_folder(), found, faults, chosen, why)
+    packages = {name: version_of(name) or "(not installed)" for name in (PYIBR, "pyopencl", "numpy")}
+    versions = {"Python": platform.python_version(), **packages}
+    return Report(versions, cache_folder(), found, faults, chosen, why)
 
 
 def print_report(console: Console | None = None) -> bool:
@@ -93,8 +95,3 @@ def _print_device(console: Console, device: Device, chosen: bool) -> None:
     if not device.works:
         console.print(Text(f"     does not work: {device.reason}", style="red"), soft_wrap=True)
         console.print(Text(f"     to mend it: {device.remedy}", style="yellow"), soft_wrap=True)
-
-
-def _versions() -> dict[str, str]:
-    found = {name: version_of(name) or "(not installed)" for name in (PYIBR, "pyopencl", "numpy")}
-    return {"Python": platform.python_version(), **found}

@@ -88,12 +88,8 @@ class Kernel:
     @cached_property
     def plan(self) -> tuple[tuple[str, type | None, np.dtype[Any], Argument], ...]:
         """Name, Python type (None unless a number), dtype and `Argument` of each argument, in order."""
-        kinds = [_number_type(argument) for argument in self.arguments]
-        return tuple((one.name, kind, one.dtype, one) for one, kind in zip(self.arguments, kinds, strict=True))
-
-
-def _number_type(argument: Argument) -> type | None:
-    return None if argument.kind != "number" else float if argument.type == "float" else int
+        kinds = {one: (float if one.type == "float" else int) for one in self.arguments if one.kind == "number"}
+        return tuple((one.name, kinds.get(one), one.dtype, one) for one in self.arguments)
 
 
 def kernel(file: str | Path, name: str, **defines: int) -> Kernel:
@@ -266,13 +262,10 @@ def _kernel_of(
 
     arguments = tuple(Argument(*one, known.get(one[1].rstrip("*"), np.dtype(np.void))) for one in signature)
     handle: Any = cl.Kernel(program, name)
-    handle.set_arg_types([_passed_as(argument) for argument in arguments])  # makes set_args twenty times as fast
+    # Types by which pyopencl passes arguments, None for buffers; a struct passes as bytes of its size.
+    passed = [{"pointer": None, "number": one.dtype, "struct": np.dtype("V1")}[one.kind] for one in arguments]
+    handle.set_arg_types(passed)  # makes set_args twenty times as fast
     return Kernel(session, handle, name, arguments)
-
-
-def _passed_as(argument: Argument) -> np.dtype[Any] | None:
-    """Type by which pyopencl passes an argument: None for buffers, else a type of the same bytes."""
-    return {"pointer": None, "number": argument.dtype, "struct": np.dtype("V1")}[argument.kind]
 
 
 def _quietly_built(program: cl.Program, options: list[str]) -> cl.Program:

@@ -132,11 +132,7 @@ def _on_device(views: Sequence[DepthImage], origin: Float64) -> tuple[DeviceArra
         records[number, 20:24] = [*(camera.center - origin), 1] if perspective else [*-camera.forward, 0]
         records[number, 24] = max(1 / camera.K[0, 0], 1 / camera.K[1, 1])
         places[number] = *camera.size, start
-        copy(cached_on_device(view, "seen", lambda view=view: upload(_depths(view))), maps, start)
+        depths = np.where(view.valid, view.depth, np.float32(0))
+        copy(cached_on_device(view, "seen", lambda depths=depths: upload(depths)), maps, start)
         start += view.depth.size
     return maps, upload(records), upload(places)
-
-
-def _depths(view: DepthImage) -> NDArray[np.float32]:
-    """Depths, 0 where invalid."""
-    return np.ascontiguousarray(np.where(view.valid, view.depth, np.float32(0)))

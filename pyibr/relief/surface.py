@@ -112,16 +112,12 @@ class ReliefSurface(HeightMapped):
     ) -> None:
         super().__init__(base, height, color, scale, tiles, normal_map, wrap)
         self._height_bytes = 1 if getattr(height, "dtype", None) == np.uint8 else 2
-        one_of("silhouette", silhouette, Silhouette)
-        one_of("distance", distance, Distance)
-        one_of("search", search, Search)
-        self.silhouette: Silhouette = silhouette
-        self.distance: Distance = distance
+        self.silhouette: Silhouette = one_of("silhouette", silhouette, Silhouette)
+        self.distance: Distance = one_of("distance", distance, Distance)
+        self.search: Search = one_of("search", search, Search)
         if distance == "perpendicular" and search == "safe":
             raise ArgumentError("search", '"linear" with distance="perpendicular", which has no bounds', '"safe"')
-        one_of("shadow", shadow, Shadow)
-        self.search: Search = search
-        self.shadow: Shadow = shadow
+        self.shadow: Shadow = one_of("shadow", shadow, Shadow)
         self.steps = integer_from("steps", steps, 1, _STEPS_MAX)
         self.halvings = integer_from("halvings", halvings, 0, _STEPS_MAX)
 

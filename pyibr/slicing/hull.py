@@ -137,7 +137,9 @@ class VisualHull(MeshableSolid):
         <VisualHull 4 views, 64 slices>
         """
         given = checked_views(views, _KINDS)
-        if len(given) == len(self.views) and all(map(_same_outline, given, self.views)):
+        pairs = zip(given, self.views, strict=False)
+        alike = (a is b or (a.camera == b.camera and np.array_equal(a.valid, b.valid)) for a, b in pairs)
+        if len(given) == len(self.views) and all(alike):
             made = object.__new__(VisualHull)
             made.__dict__.update(self.__getstate__(), views=given)
         else:
@@ -157,7 +159,3 @@ class VisualHull(MeshableSolid):
 def mask_of(view: View) -> Float32:
     """(H, W), 1 where a view shows the object."""
     return np.ascontiguousarray(view.valid, np.float32)
-
-
-def _same_outline(a: View, b: View) -> bool:
-    return a is b or (a.camera == b.camera and np.array_equal(a.valid, b.valid))

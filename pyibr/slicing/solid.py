@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pyibr.core.checks import Float64, Immutable, describe, one_of
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
+from pyibr.images.depth_image import check_seen
 from pyibr.images.silhouette import Silhouette
 from pyibr.meshes.textures import rgba_words
 from pyibr.opencl.memory import DeviceArray
@@ -50,10 +51,8 @@ class Solid(Immutable):
         self.halvings = checked_halvings(halvings)
         self.slices: Slices = checked_slices(slices)
         self.only = checked_only(only, self.slices)
-        one_of("slicing", slicing, SolidSlicing)
-        self.slicing: SolidSlicing = slicing
-        one_of("texture", texture, Texture)
-        self.texture: Texture = texture
+        self.slicing: SolidSlicing = one_of("slicing", slicing, SolidSlicing)
+        self.texture: Texture = one_of("texture", texture, Texture)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {len(self.views)} views, {slices_text(self.slices)}>"
@@ -108,6 +107,8 @@ def checked_views(views: object, kinds: Mapping[type[View], Callable[[Any], View
             raise ArgumentError("views", f"a sequence of {names}", f"{describe(view)} as view {number}")
         if not made.valid.any():
             raise ArgumentError("views", "views with valid depth", f"none in view {number}")
+        if isinstance(made, DepthImage):
+            check_seen(made, number)
         straight.append(made)
     if (total := sum(view.valid.size for view in straight)) > _SAMPLES_MAX:
         raise ArgumentError("views", f"at most {_SAMPLES_MAX} samples in all", str(total))

@@ -22,12 +22,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import bin_defines, bin_primitives, project
-from pyibr.raster.height_mapped import (
-    color_arguments,
-    map_buffers,
-    normal_arguments,
-    wrap_defines,
-)
+from pyibr.raster.height_mapped import color_arguments, map_buffers, normal_arguments, wrap_defines
 from pyibr.slicing.prisms import Volume, extruded
 from pyibr.slicing.spacing import SLICES_MAX, Slices, checked_halvings, checked_slices, slices_text
 
@@ -126,12 +121,9 @@ class SlicedSurface(HeightMapped):
     ) -> None:
         super().__init__(base, height, color, scale, tiles, normal_map, wrap)
         self.slices: Slices = checked_slices(slices)
-        one_of("slicing", slicing, Slicing)
-        one_of("test", test, AlphaTest)
-        self.slicing: Slicing = slicing
-        self.test: AlphaTest = test
-        checked_bool("clipped", clipped)
-        self.clipped = clipped
+        self.slicing: Slicing = one_of("slicing", slicing, Slicing)
+        self.test: AlphaTest = one_of("test", test, AlphaTest)
+        self.clipped = checked_bool("clipped", clipped)
         self.halvings = checked_halvings(halvings)
         self.band = None if band is None else positive("band", band)
 

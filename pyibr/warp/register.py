@@ -165,12 +165,7 @@ def register_color(
     Raises
     ------
     ArgumentError
-        If shapes, dtypes and cameras do not fit, or there is no depth at all.
-
-    Warns
-    -----
-    UserWarning
-        If the cameras differ, but both stand at the origin: the pose between them may be missing.
+        As for `register`, whose UserWarning is given, too.
 
     Examples
     --------

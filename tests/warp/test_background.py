@@ -167,6 +167,16 @@ def test_mistakes():
         ibr.background_layer(card(), ASIDE, fill="none")  # pyright: ignore[reportArgumentType]
 
 
+def test_a_guess_is_no_view_of_a_solid():
+    layer = ibr.background_layer(card(), ASIDE)
+    for make in (ibr.DepthObject, ibr.DepthMeshObject):
+        with pytest.raises(
+            ibr.ArgumentError, match=r"^views: expected views that saw the object, got a guess .* view 1"
+        ):
+            make([card(), layer])
+    assert ibr.render(ibr.DepthMesh(layer), ASIDE[-1]).valid.any()  # a depth mesh shows it as any image
+
+
 PATHS = {
     "aside": [(0.0375 * k, 0, 0) for k in range(1, 9)],
     "oblique": [(0.0375 * k, -0.011 * k, 0.0075 * k) for k in range(1, 9)],

@@ -88,7 +88,8 @@ def compare(
         print_note(f"{alone} files without a partner are left out")
     counted = None if mask is None else read_mask(mask)
     measure = _of_depth if depth else functools.partial(_of_pictures, _chosen(measures))
-    read = {"A": first.files, "B": second.files, "--mask": _given(mask), "--camera": _given(camera)}
+    read = {"A": first.files, "B": second.files}
+    read |= {"--mask": [mask] if mask else [], "--camera": [camera] if camera else []}
     numbers = None if first.is_single and second.is_single else range(len(pairs))
     outputs = _outputs(output, read, numbers, video)
     each, size = list[dict[str, Any]](), ""
@@ -115,10 +116,6 @@ def compare(
         raise typer.Exit(EMPTY)
 
 
-def _given(path: Path | None) -> list[Path]:
-    return [] if path is None else [path]
-
-
 def _chosen(text: str | None) -> list[str]:
     """The requested metrics; by default all whose packages are installed, except the metric for panoramas."""
     if text is not None:
@@ -143,7 +140,7 @@ def _outputs(
     if output is None or output.suffix.lower() == ".json":
         if video != VideoOptions():
             raise ArgumentError("--fps, --codec", "a video for --output", str(output or "none"))
-        check_outputs(read, {"--output": _given(output)})
+        check_outputs(read, {"--output": [output] if output else []})
         return None
     outputs = Outputs({"--output": (output, "color")}, StoredDepth(), numbers, video)
     outputs.check(read)

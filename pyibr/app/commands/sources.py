@@ -40,13 +40,14 @@ _Read = TypeVar("_Read")
 class Losses:
     """Unusable frames of recordings, which are left out and reported. For single pictures they are an error.
 
-    recorded: whether the frames belong to a recording.
+    recorded: whether the frames belong to a recording. unsure: each frame's fraction of samples that are left out for
+    low confidence.
     """
 
     def __init__(self, recorded: bool) -> None:
         self._recorded = recorded
         self._errors: list[FileFormatError] = []
-        self._unsure: list[float] = []
+        self.unsure: list[float] = []
 
     def or_none(self, made: Callable[[], _Read]) -> _Read | None:
         """Return the result of `made`; None if a frame's files cannot be used."""
@@ -58,10 +59,6 @@ class Losses:
             self._errors.append(error)
             return None
 
-    def add_unsure(self, share: float) -> None:
-        """Add a frame's fraction of samples that are left out for low confidence."""
-        self._unsure.append(share)
-
     def tell(self, some: bool) -> None:
         """Report lost frames; raise the first error if no frame is left."""
         if self._errors and not some:
@@ -69,8 +66,8 @@ class Losses:
         if self._errors:
             files = "1 file" if len(self._errors) == 1 else f"{len(self._errors)} files"
             print_note(f"{files} cannot be used; left out: {printable_text(self._errors[0])}")
-        if any(self._unsure):
-            share = sum(self._unsure) / len(self._unsure)
+        if any(self.unsure):
+            share = sum(self.unsure) / len(self.unsure)
             print_note(f"{share:.1%} of all samples are left out for low confidence (--min-confidence)")
 
 

@@ -78,7 +78,7 @@ class DepthReader:
             depth, unsure = self._options.stored.read_shot(shot)
             if color is not None and shot.depth_camera is None:
                 _check_size(depth, color, shot.camera)
-        self._losses.add_unsure(unsure)
+        self._losses.unsure.append(unsure)
         self._options.seen.add(depth)
         how = self._options.clean
         if how is None:

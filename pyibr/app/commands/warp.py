@@ -94,7 +94,7 @@ def warp(
     how: WarpOptions = {"method": method, "interpolation": interpolation, "edges": edges, "cut_ratio": cut_ratio}
     how |= {"side": side, "fill": fill_of(fill), "thin": thin, "blend": blend}
     with device_of(device), outputs:
-        jobs = read_ahead(_jobs(inputs, targets, count, done, how["fill"]))
+        jobs = read_ahead(_jobs(inputs, targets, count, done, fill_of(fill)))
         for views, camera, number in with_progress(jobs, count or 1, "Warping"):
             (frame,) = drawn_views(views, [camera], samples, how)
             images: dict[Kind, NDArray[Any]] = {"color": frame.color, "depth": frame.depth, "mask": frame.valid}

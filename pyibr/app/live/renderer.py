@@ -107,11 +107,17 @@ class Renderer(Generic[_Request, _Result]):
             start = time.monotonic()
             try:
                 result = self._draw(request, full)
-                if self._is_wanted(client, full):
+                with self._changed:  # a full drawing is outdated if the next request already waits
+                    known = self._clients.get(client)
+                    is_wanted = known is not None and not (full and known.rested is not None)
+                if is_wanted:
                     self._deliver(request, full, result)
             except Exception as error:  # an error of one page must not end the other pages
                 self._failed(request, error)
-            self._charge(client, time.monotonic() - start)
+            seconds = time.monotonic() - start
+            with self._changed:
+                if client in self._clients:
+                    self._clients[client].used += seconds
 
     def _next(self) -> tuple[Hashable, _Request, bool] | None:
         """Wait for the next client and its request; None once the renderer is closed."""
@@ -135,14 +141,3 @@ class Renderer(Generic[_Request, _Result]):
                 due = min((known.due for known in self._clients.values() if known.rested is not None), default=None)
                 self._changed.wait(None if due is None else max(due - now, 0.0))
             return None
-
-    def _is_wanted(self, client: Hashable, full: bool) -> bool:
-        with self._changed:
-            known = self._clients.get(client)
-            # A full drawing is outdated if the next request already waits.
-            return known is not None and not (full and known.rested is not None)
-
-    def _charge(self, client: Hashable, seconds: float) -> None:
-        with self._changed:
-            if client in self._clients:
-                self._clients[client].used += seconds

@@ -68,7 +68,7 @@ class PlacePage:
         mesh = captures.surface.mesh
         self._methods: Mapping[str, RenderMethod] = {
             "mesh": RenderMethod(lambda: [mesh], self._draw_marked),
-            "plain": RenderMethod(lambda: [mesh], self._draw_plain),
+            "plain": RenderMethod(lambda: [mesh], lambda things, camera, _: render(things[0], camera, captures.light)),
             "set": RenderMethod(lambda: [mesh], self._draw_set),
         }
         self.panel = Panel(pages.server.gui)
@@ -127,9 +127,6 @@ class PlacePage:
         marked = MarkedUnseen(as_drawable(things[0]), views, state.side, within=part)
         return render(marked, camera, self.captures.light)
 
-    def _draw_plain(self, things: Any, camera: Camera, style: Style) -> Frame:
-        return render(things[0], camera, self.captures.light)
-
     def _draw_set(self, things: Any, camera: Camera, style: Style) -> Frame:
         views = [view for view in self.captures.views(self.placement.state.frusta) if view.valid.any()]
         if views:
@@ -174,8 +171,9 @@ class PlacePage:
             self._undo, self._redo = gui.add_button("Undo"), gui.add_button("Redo")
 
         self._when_turned(self._chosen, lambda: self._choose(int(self._chosen.value) - 1))
-        for handle in (self._across, self._down, self._far):
-            self._when_turned(handle, self._open)
+        across, down, far = self._across, self._down, self._far
+        for handle in (across, down, far):
+            self._when_turned(handle, lambda: self.placement.open(across.value, down.value, far.value or math.inf))
         add.on_click(lambda event: self.add_at(event.client))
         delete.on_click(lambda _: self.placement.delete())
         self._undo.on_click(lambda _: self.placement.undo())
@@ -193,9 +191,6 @@ class PlacePage:
 
     def _choose(self, number: int) -> None:
         self.panel.attempt(lambda: self.placement.choose(number))  # the frustum may have been deleted since the click
-
-    def _open(self) -> None:
-        self.placement.open(self._across.value, self._down.value, self._far.value or math.inf)
 
     def add_at(self, client: ClientHandle | None) -> None:
         """Add a frustum in front of the surface in the middle of a browser's page."""

@@ -34,7 +34,13 @@ LABELS: dict[Show, str] = {
 
 
 class Controls:
-    """A page's controls; `changed` is called when a control has changed."""
+    """A page's controls; `changed` is called when a control has changed.
+
+    Attributes
+    ----------
+    frusta, times : handles of checkboxes
+        Whether the sources' frusta are shown, and whether kernels are timed.
+    """
 
     def __init__(self, panel: Panel, scene: Scene, changed: Callable[[], None]) -> None:
         self._panel, self._gui, self._scene, self._changed = panel, panel.gui, scene, changed
@@ -44,18 +50,11 @@ class Controls:
         with panel.controls:
             self._add_picture()
             self._add_light()
-            self._add_page()
+            with self._gui.add_folder("Page", expand_by_default=False, order=7):
+                self.frusta = self._watched(self._gui.add_checkbox("Sources", True, visible=bool(scene.sources)))
+                self.times = self._watched(self._gui.add_checkbox("Kernel times", False))
+                panel.add_dark()
         self._add_parameters()
-
-    @property
-    def shows_frusta(self) -> bool:
-        """True if the sources' frusta are shown."""
-        return bool(self._frusta.value)
-
-    @property
-    def times_kernels(self) -> bool:
-        """True if kernels are timed."""
-        return bool(self._times.value)
 
     def style(self) -> Style:
         """Return the style that the controls select now."""
@@ -154,13 +153,6 @@ class Controls:
             self._shininess = self._watched(gui.add_slider("Shininess", 1, 200, 1, 32))
             self._shadows = self._watched(gui.add_dropdown("Shadow map", list(_SHADOWS), initial_value="1024"))
             self._relights = self._watched(gui.add_checkbox("Relight images", False))
-
-    def _add_page(self) -> None:
-        gui = self._gui
-        with gui.add_folder("Page", expand_by_default=False, order=7):
-            self._frusta = self._watched(gui.add_checkbox("Sources", True, visible=bool(self._scene.sources)))
-            self._times = self._watched(gui.add_checkbox("Kernel times", False))
-            self._panel.add_dark()
 
     # ---- values
 

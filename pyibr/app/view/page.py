@@ -92,7 +92,7 @@ class ViewPage:
             )
             swatches = " ".join(_swatch(color, text) for color, text in meanings)
             lines.append(swatches if explained else f"{style.method} has no {LABELS[style.show]}")
-        if shown.full and self.controls.times_kernels:
+        if shown.full and self.controls.times.value:
             times = kernel_seconds(self.scene.methods, picture.camera, style)
             longest = sorted(times.items(), key=lambda item: -item[1])[:8]
             lines.append("Kernels: " + ", ".join(f"{name} {1e3 * seconds:.2f} ms" for name, seconds in longest))
@@ -129,7 +129,7 @@ class ViewPage:
 
     def _show_frusta(self) -> None:
         style = self.controls.style()
-        shown = self.controls.shows_frusta and (style.other is None or style.layout != "side by side")
+        shown = self.controls.frusta.value and (style.other is None or style.layout != "side by side")
         for frustum in self._frusta:
             frustum.visible = shown
         self.stream.with_depth = shown and bool(self._frusta)
@@ -174,10 +174,7 @@ class ViewPage:
         attempt = self.panel.attempt
         shot.on_click(lambda _: attempt(lambda: self._send("pyibr.png", self.screenshot())))
         save.on_click(lambda _: attempt(lambda: self._send("camera.json", _json(self._camera().to_json()))))
-        load.on_upload(lambda _: attempt(lambda: self._load_camera(load.value)))
-
-    def _load_camera(self, file: Any) -> None:
-        self.go_to(Camera.from_json(uploaded(file), file.name))
+        load.on_upload(lambda _: attempt(lambda: self.go_to(Camera.from_json(uploaded(load.value), load.value.name))))
 
     def _camera(self) -> Camera:
         if self.stream.camera is None:

@@ -27,10 +27,6 @@ class Parameter:
     choices: tuple[str | None, ...] = ()  # allowed words; None is among them if the argument may be None
     may_be_none: bool = False  # whether the number is None at first; the page shows 0 for it
 
-    def may_be(self, value: Value) -> bool:
-        """Tell whether a value is one of the choices, if there are any."""
-        return not self.choices or value in self.choices
-
 
 def parameters_of(things: Sequence[object]) -> dict[str, Parameter]:
     """All parameters of some things by name; if several things share a name, the first value is used."""
@@ -52,7 +48,7 @@ def with_parameters(thing: _Thing, values: Mapping[str, Value]) -> _Thing:
         Raised by the thing's class, if a value is out of its range.
     """
     own = {parameter.name: parameter for parameter in _parameters_of_one(thing)}
-    known = {name: value for name, value in values.items() if name in own and own[name].may_be(value)}
+    known = {name: value for name, value in values.items() if name in own and value in (own[name].choices or (value,))}
     changes = {name: value for name, value in known.items() if own[name].value != value}
     if not changes:
         return thing
