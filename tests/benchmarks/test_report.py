@@ -297,7 +297,7 @@ def test_everything_runs_quickly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     headings += ["## On GPUs"] if shutil.which("oclgrind") else []
     assert [heading for heading in headings if heading not in text] == []
     assert "Left out: dragon, because dragon_vrip_res3.ply.gz is not in $PYIBR_DATA/meshes." in text
-    plots = {"complexity", "table2", "peers", "rgbd", "slicing-error", "depthmesh-simplification"}
+    plots = {"complexity", "table2", "peers", "rgbd", "slicing-error", "displaced", "depthmesh-simplification"}
     assert {path.stem for path in (tmp_path / "out").glob("*.png")} == plots
     # The report depends on nothing except the files.
     (tmp_path / "out/report.md").unlink()
