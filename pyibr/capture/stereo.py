@@ -84,7 +84,7 @@ def stereo(
     depth_range : (near, far), optional
         In scene units. By default the range of the middle 98 % of the pixels, of the first depth image or of the scene
         as `camera` sees it. Use the same range for all frames of a film.
-    fill : {"background", "smooth", "inpaint", None}
+    fill : {"background", "smooth", "inpaint", "exemplar", None}
         Content of regions that no depth image saw, as for `WarpedView`.
     **how
         Options of `render`: `light`, `background`, `samples`, `anisotropy`.

@@ -49,7 +49,7 @@ def turntable(
         Degrees to either side. If given, the camera swings to and fro instead, which suits a single photograph.
     up : (3,), optional
         Axis, in the world. By default the up direction of the depth images, or -y.
-    fill : {"background", "smooth", "inpaint", None}
+    fill : {"background", "smooth", "inpaint", "exemplar", None}
         Content of regions that no depth image saw, as for `WarpedView`.
     **how
         Options of `render`: `light`, `background`, `samples`, `anisotropy`.

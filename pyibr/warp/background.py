@@ -40,7 +40,7 @@ def background_layer(view: DepthImage, cameras: Camera | Sequence[Camera], *, fi
     cameras : Camera or sequence of Camera
         Cameras of the path. The layer holds what they and cameras between them see behind the view's surface and, up
         to half the view's size away, beyond its border.
-    fill : {"background", "smooth", "inpaint"}
+    fill : {"background", "smooth", "inpaint", "exemplar"}
         How holes are filled, as in `warp`.
 
     Returns

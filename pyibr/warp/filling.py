@@ -21,9 +21,10 @@ from pyibr.opencl.memory import DeviceArray, copy, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.samples import Samples
 from pyibr.picture.target import Target
+from pyibr.warp.exemplar import continue_texture
 from pyibr.warp.launches import map_of
 
-Fill = Literal["background", "smooth", "inpaint"]
+Fill = Literal["background", "smooth", "inpaint", "exemplar"]
 
 _DEVIATIONS = 3 * 2**0.5
 """Noise alone seldom makes two samples differ by more than this multiple of one sample's standard deviation."""
@@ -51,15 +52,18 @@ def fill_holes(
 
     def behind(picture: Target) -> DeviceArray | None:
         away = nearest_map.epipole if epipole is None else epipole
-        return find_behind(picture, away, nearest.noise) if how == "background" else None
+        return find_behind(picture, away, nearest.noise) if how in ("background", "exemplar") else None
 
     seen_empty = [(samples, pixel_map) for view, samples, pixel_map in views if view.sees_empty_space]
     empty_space = _spread_empty_space(target, seen_empty, behind) if seen_empty else None
     if how == "inpaint":
         inpaint(target)
     else:
-        push_and_pull(target, behind(target))
-    if how == "background" and target.color.shape[2]:
+        told = behind(target)
+        push_and_pull(target, told)
+        if how == "exemplar" and target.color.shape[2]:
+            continue_texture(target, lambda marked: push_and_pull(marked, told))
+    if how in ("background", "exemplar") and target.color.shape[2]:
         for _, samples, pixel_map in reversed(nearest_first):
             _show_unobserved(target, samples, pixel_map)
     if empty_space is not None:

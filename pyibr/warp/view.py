@@ -89,13 +89,17 @@ class WarpedView(Immutable):
         Visible side of the surface: the side that faces the source's camera, the other side (of a solid that is
         displaced from a centre inside it and seen from outside), or both. A pixel whose ray first meets a hidden side
         is a hole.
-    fill : {None, "background", "smooth", "inpaint"}
+    fill : {None, "background", "smooth", "inpaint", "exemplar"}
         How holes are filled; `valid` stays False there, and depth is filled, too. Holes are filled after all objects
         have been drawn, so that invented colour hides nothing that was seen. "background" continues the farther surface
         around a hole into it; nearer surface at the hole's rim has a fifth of the weight. Where a view has a colour but
         no depth, the hole gets this colour (black counts as none). Pixels that show empty space (infinite depth, or
         depth of `far` and more) stay empty. "smooth" continues all surroundings, weighted by
-        distance. "inpaint" continues colours by OpenCV (Telea 2004), which is slower.
+        distance. "inpaint" continues colours by OpenCV (Telea 2004), which is slower. "exemplar" fills as
+        "background" does, and then continues texture (wallpaper, wood, cloth) by patches of the same surface. Where
+        no patches predict the surroundings of a hole, as in clutter, the background's colours stay. It takes some 0.2 s
+        for 70,000 pixels of holes on two cores, and guesses of neighbouring frames differ more: for films, fill a
+        `background_layer` once.
     thin : bool
         Draw oblique objects one sample thin (wires, leaves, bars) whole, as wide as their samples; otherwise their
         samples' pixels form steps that meet only at their corners. Each sample that is part of no whole cell is drawn

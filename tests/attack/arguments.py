@@ -151,7 +151,7 @@ def random_look(chance: Chance) -> dict[str, Any]:
         "edges": chance.mostly(chance.one(["cut", "connect"])),
         "interpolation": chance.mostly(chance.one(["linear", "nearest"])),
         "side": chance.mostly(chance.one(["front", "front", "back", "both"])),
-        "fill": chance.mostly(chance.one([None, None, None, "background", "background", "smooth", "inpaint"])),
+        "fill": chance.mostly(chance.one([None, None, None, "background", "exemplar", "smooth", "inpaint"])),
         "cut_ratio": chance.mostly(chance.one([1.05, 1.05, 1.0000001, 1.5, 1e30])),
         "thin": chance.mostly(chance.one([False, False, True])),
     }

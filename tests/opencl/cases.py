@@ -64,6 +64,8 @@ def _warps(setting: Setting) -> Cases:
             if pose == "ahead":
                 yield f"{name} of two", partial(ibr.warp, [view, beside], camera, classes=True)
                 yield f"{name}, two views, one held", partial(_warp_holding_one, [view, beside], camera)
+    view = setting.view(scenes.holed, (37, 33), "perspective")  # large enough for a coarser resolution
+    yield "texture", partial(ibr.warp, view, view.camera.moved(0.2, 0, 0), fill="exemplar")
 
 
 def _layers(setting: Setting) -> Cases:

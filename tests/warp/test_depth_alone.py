@@ -22,7 +22,7 @@ def alone(colored: ibr.DepthImage) -> ibr.DepthImage:
 
 
 @pytest.mark.parametrize("method", ["epipolar", "search", "forward"])
-@pytest.mark.parametrize("fill", [None, "background", "smooth", "inpaint"])
+@pytest.mark.parametrize("fill", [None, "background", "smooth", "inpaint", "exemplar"])
 @pytest.mark.parametrize("several", [False, True])
 @pytest.mark.filterwarnings("ignore:warp. the target camera sees nothing")
 def test_depth_is_the_same_with_and_without_colours(colored, alone, method, fill, several, lanes):

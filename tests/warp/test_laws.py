@@ -271,7 +271,7 @@ def test_edges_are_cut_unless_they_are_to_be_connected(method):
 # --- filling -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fill", ["background", "smooth", "inpaint"])
+@pytest.mark.parametrize("fill", ["background", "smooth", "inpaint", "exemplar"])
 @pytest.mark.parametrize("place", [*scenes.REGIONS, "special"])
 def test_everything_is_filled_within_the_range_of_what_is_seen(place, fill):
     view = scenes.stepped((61, 37))

@@ -77,7 +77,7 @@ def test_every_option_of_the_warp_is_a_control(name):
     closer = ibr.Camera([[400, 0, 127.5], [0, 400, 95.5], [0, 0, 1]], (256, 192))
     method = methods_of(wire)[name]
     assert set(method.parameters) | set(method.fixed) == {option.name for option in OPTIONS}
-    assert method.parameters["fill"].choices == (None, "background", "smooth", "inpaint")
+    assert method.parameters["fill"].choices == (None, "background", "smooth", "inpaint", "exemplar")
     found = method.draw(closer, Style(name, parameters=(("thin", True),)))
     assert (found.depth < 3).sum() == (ibr.warp(wire, closer, thin=True).depth < 3).sum() == 40 * 4 * 4
 
