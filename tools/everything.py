@@ -145,6 +145,7 @@ def calls() -> dict[str, Call]:
         "looked through": _looked_through,
         "blended in turns": _blended_in_turns,
         "smooth": warped(fill="smooth"),
+        "exemplar": warped(fill="exemplar"),
         "background": _with_background,
         "thin": warped(thin=True, cut_ratio=1.001, classes=True),
         "lens": _through_a_lens,
