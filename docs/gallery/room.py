@@ -173,9 +173,8 @@ def first_page() -> Figure:
     view = photograph()
     aside = CAMERA.moved(0.25, -0.08, 0.1)
     layer = ibr.background_layer(view, aside, fill="exemplar")
-    new, filled = (
-        ibr.warp(views, aside, fill=fill, samples=4) for views, fill in ((view, None), ([view, layer], "background"))
-    )
+    new = ibr.warp(view, aside, samples=4)
+    filled = ibr.warp([view, layer], aside, fill="background", samples=4)
     hidden = np.where(new.valid[..., None], new.color, (255, 64, 160))
     near = plt.get_cmap("turbo")((1 / view.depth - 1 / BACK) / (1 / 2.2 - 1 / BACK))
     panels = {
