@@ -45,7 +45,7 @@
 #define SUM_OF_COLOR(v) ((v).x + (v).y + (v).z)
 #define SUM_OF_FOUR(v) (SUM_OF_COLOR(v) + (v).w)
 
-#define PART_PIXELS(pixel) vload16(0, image + 4 * (size_t)(pixel))
+#define PIXELS_OF_PATCH(pixel) vload16(0, image + 4 * (size_t)(pixel))
 #define SUM_OF_PIXELS(v) ((v).lo.lo + (v).lo.hi + (v).hi.lo + (v).hi.hi)
 
 void begin_pixel(global float *image, global float *planes, int height, int pitch, int at, float4 own, int inside,
@@ -147,7 +147,7 @@ INLINED void try_source(int s, int t, global const float *image, global const fl
     for (int v = -PATCH_BEFORE; v < PATCH_SIDE - PATCH_BEFORE; v++) {
         for (int u = -PATCH_BEFORE; u < PATCH_SIDE - PATCH_BEFORE; u += 4) {
             const int shift = v * pitch + u;
-            const float16 there = PART_PIXELS(s + shift), difference = PART_PIXELS(t + shift) - there;
+            const float16 there = PIXELS_OF_PATCH(s + shift), difference = PIXELS_OF_PATCH(t + shift) - there;
             const float4 w = vload4(0, PLANE(WEIGHTS) + t + shift);
             mean += there;
             sum += (float16)(w.xxxx, w.yyyy, w.zzzz, w.wwww) * difference * difference;
