@@ -29,11 +29,11 @@ def both_forms(make: Callable[[], Any]) -> tuple[Any, Any]:
 
 
 def unlike(one: Frame, other: Frame, rtol: float = 1e-4, levels: int = 1) -> tuple[float, float, float]:
-    """Fractions of the pixels that one frame alone shows, and of the others where depths or colours differ by more."""
+    """Fractions that differ by more: of pixels shown, of depths in both frames, and of colours where depths agree."""
     both = one.valid & other.valid
-    depths = np.isclose(one.depth, other.depth, rtol=rtol, atol=0)[both]
-    colors = np.abs(one.color.astype(int) - other.color)[both].max(axis=1) <= levels
-    return float((one.valid != other.valid).mean()), float((~depths).mean()), float((~colors).mean())
+    depths = np.isclose(one.depth, other.depth, rtol=rtol, atol=0)
+    colors = np.abs(one.color.astype(int) - other.color)[both & depths] <= levels
+    return float((one.valid != other.valid).mean()), float((~depths[both]).mean()), float((~colors).mean())
 
 
 def check_bounds(script: str) -> None:

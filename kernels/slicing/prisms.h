@@ -91,7 +91,7 @@ typedef struct {
     int halvings; /* bisections of the interval between two slices */
     int ends;     /* 1: a ray that leaves the prism may leave the surface */
     int by_cells; /* 1: rays are intersected with the map's cells, without slices */
-    Tilt lengths; /* of the frame's axes, in scene units, with by_cells */
+    Tilt lengths; /* with by_cells: the frame's axes in scene units */
 } Prism;
 
 typedef struct {

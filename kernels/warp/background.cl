@@ -1,10 +1,10 @@
 /* Finds the pixels of a view behind which another camera may see the background, and cuts out the layer that is guessed
  * there (pyibr/warp/background.py).
  *
- * A pixel's envelope is the least nearness at which a surface hides the background from the camera. It rises from each
- * pixel of the background along the line on which the camera's rays lie in the view, as these rays come nearer. So a
- * surface that is nearer than its envelope hides background. lower_envelope is launched with steps of falling powers of
- * two; after the last one, the envelope is the least over all pixels of the line, as far as the steps lead.
+ * A pixel's envelope is the least nearness at which a surface hides the background from the camera. The camera's rays
+ * are lines in the view. Along them, the envelope rises from each background pixel as the rays come nearer. A surface
+ * nearer than its envelope hides background. lower_envelope is launched with steps of falling powers of two; after the
+ * last one, the envelope is the least over all pixels of the line, as far as the steps lead.
  *
  * depth, valid: (height, width) of the view's picture. envelope, from, to: (height, width). away: the camera's centre as
  * homogeneous point (U, V, W, Q) of the view's pixel space (lib/pixelspace.h). stride: pixels. layer: (height, width) depth
@@ -16,12 +16,19 @@
 #include "warp/holes.h"
 
 #define RIM 2 /* pixels of the rim: no crack opens between guesses and the view's samples */
-#define RISE 0.9f /* of the envelope's true slope: so the layer is a tenth deeper, and its far side stays hidden */
+#define RISE 0.9f /* times the true slope: the layer becomes a tenth deeper, so that its far side stays hidden */
 #define ROW_PART 48 /* pixels of a work-item of cut_out */
 
 typedef struct {
     float x, y, w, n;
 } Away;
+
+/* Nearness of a packet's pixels, the first of `left` ones; INFINITY where the view shows nothing. */
+INLINED floatl seen_nearness(global const float *depth, global const uchar *valid, size_t pixel, int left, int perspective)
+{
+    const floatl z = load_first(depth + pixel, left, 1.0f);
+    return select_lanes(load_first_bytes(valid + pixel, left, 0) == SEEN, DEPTH_OF(perspective, z), (floatl)INFINITY);
+}
 
 kernel void begin_envelope(global const float *depth, global const uchar *valid, global float *envelope, int width,
                            int height, int perspective, int strip)
@@ -31,9 +38,7 @@ kernel void begin_envelope(global const float *depth, global const uchar *valid,
         return;
     for (int x = first; x < min(first + strip * LANES, width); x += LANES) {
         const size_t pixel = (size_t)y * width + x;
-        const floatl z = load_first(depth + pixel, width - x, 1.0f);
-        const intl seen = load_first_bytes(valid + pixel, width - x, 0) == SEEN;
-        store_first(select_lanes(seen, DEPTH_OF(perspective, z), (floatl)INFINITY), envelope + pixel, width - x);
+        store_first(seen_nearness(depth, valid, pixel, width - x, perspective), envelope + pixel, width - x);
     }
 }
 
@@ -66,10 +71,9 @@ kernel void hide_foreground(global const float *envelope, global const float *de
         return;
     for (int x = first; x < min(first + strip * LANES, width); x += LANES) {
         const size_t pixel = (size_t)y * width + x;
-        const floatl z = load_first(depth + pixel, width - x, 1.0f), n = DEPTH_OF(perspective, z);
-        const intl seen = load_first_bytes(valid + pixel, width - x, 0) == SEEN;
-        const intl hides = load_first(envelope + pixel, width - x, INFINITY) < n;
-        store_first_bytes(seen & !hides & 1, valid + pixel, width - x);
+        const floatl n = seen_nearness(depth, valid, pixel, width - x, perspective);
+        const intl is_background = load_first(envelope + pixel, width - x, INFINITY) >= n;
+        store_first_bytes((n < INFINITY) & is_background & 1, valid + pixel, width - x);
     }
 }
 

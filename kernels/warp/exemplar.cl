@@ -89,7 +89,7 @@ kernel void halve_level(global const float *fine_image, global const float *fine
     }
 }
 
-/* Finds targets, weights and sources. edge: pixels around a source that are known, too, and not nearer */
+/* Finds targets, weights and sources. edge: a source's margin of known pixels that are not nearer */
 kernel void find_targets(int width, int height, int pitch, int strip, int edge, global float *planes, global int *field)
 {
     const int first = get_global_id(0) * strip * LANES, y = get_global_id(1), end = PATCH_SIDE - PATCH_BEFORE;

@@ -36,7 +36,7 @@ OUTLINED floatl trace_holes(Grid grid, PixelMap map, floatl x, int y, intl wante
     return n;
 }
 
-/* Writes the hits of pixels x, a mask of which is `hit`, unless a nearer guess is shown. Returns the written pixels. */
+/* Writes the pixels x where `hit` is set, unless they show a nearer guess. Returns the written pixels. */
 INLINED intl write_hits(Pixels pixels, Color c, PixelMap map, intl hit, intl x, global float *depth,
                            global channel *color, global uchar *valid)
 {

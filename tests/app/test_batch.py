@@ -155,6 +155,7 @@ def test_names_are_what_the_stars_stand_for(tmp_path: Path):
     for path in ("a/1/c.png", "b/2/c.png", "a/1/d.png", "b/2/d.png"):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).touch()
+        os.utime(tmp_path / path, (1, 1))  # a copy or an archive may give all files the same time
     job = Job("mesh {c} {d} -o {out}/x.glb", {"c": f"{tmp_path}/*/*/c.png", "d": f"{tmp_path}/*/*/d.png"}, "out")
     tasks, lacking = job.tasks()
     assert [task.name for task in tasks] == ["a_1", "b_2"] and not lacking

@@ -46,16 +46,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     color = np.dstack([5 * x, 7 * y, 0 * x + 90]).astype(np.uint8)
     for name in ("camera", "a", "b", "depth", "color", "new"):
         camera.moved(0.01, 0, 0).save(place / f"{name}.json")
-    for name in ("color", "a", "b", "rgb/0", "rgb/1"):
+    for name in ("a", "b", "rgb/0", "rgb/1"):
         ibr.write_color(place / f"{name}.png", color)
     for name in ("depth.png", "a_depth.npy", "b_depth.png", "b_depth.npy", "a_depth.png", "depth/0.png", "depth/1.png"):
         ibr.write_depth(place / name, depth, depth_scale=1000 if name.endswith("png") else None)
-    for name in ("truth", "new"):
-        ibr.write_color(place / f"{name}.png", color)
-    for name in ("color", "truth", "new"):
-        ibr.write_video(place / f"{name}.mp4", [color, color], fps=12)
-    for name in ("depth", "new_depth"):
-        ibr.write_video(place / f"{name}.mkv", [ibr.uint16_from_depth(depth, 1000)] * 2, fps=12, bits=16)
+    for name, shown in (("color", color), ("truth", color), ("new", color[:, ::-1])):
+        ibr.write_color(place / f"{name}.png", shown)
+        ibr.write_video(place / f"{name}.mp4", [shown, shown], fps=12)
+    for name, values in (("depth", depth), ("new_depth", depth[:, ::-1])):
+        ibr.write_video(place / f"{name}.mkv", [ibr.uint16_from_depth(values, 1000)] * 2, fps=12, bits=16)
     size, matrix = f"image_width: {SIZE[0]}\nimage_height: {SIZE[1]}\n", camera.K.ravel().tolist()
     (place / "calibration.yaml").write_text(f"{size}camera_matrix: {{rows: 3, cols: 3, data: {matrix}}}\n")
     tum = place / "rgbd_dataset_freiburg1_desk"
@@ -67,7 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (tum / f"{kind}.txt").write_text("".join(f"{n + 0.5} {kind}/{n + 0.5}.png\n" for n in range(2)))
     ring = models.donut(12)
     views = object_views(ring, 24)
-    ring.save(place / "dragon.ply")
+    ibr.Mesh(ring.vertices, ring.faces).save(place / "dragon.ply")
     ring.save(place / "ball.glb")
     ibr.write_color(place / "bumps.png", color[..., :1].repeat(3, axis=2))
     ibr.write_color(place / "bricks.png", color)

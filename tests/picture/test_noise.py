@@ -97,7 +97,7 @@ def difference(depth: Array, one: tuple[float, ...], other: tuple[float, ...]) -
 
 @pytest.mark.parametrize("large", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_the_kernel_finds_what_the_twin_finds(large: bool):
-    """Results agree, except for images with two equally good fits, between which rounding decides."""
+    """Results agree, except for one image in a hundred with two equally good fits, between which rounding decides."""
     wrong, count, rng = dict[str, Any](), 0, np.random.default_rng(0)
     for name, depth in itertools.chain(made(rng, SIZES[3:]), frames()) if large else made(rng, SIZES[:3]):
         depth = np.ascontiguousarray(depth, np.float32)
@@ -110,7 +110,7 @@ def test_the_kernel_finds_what_the_twin_finds(large: bool):
             if max(difference(depth, *pair) for pair in zip(one, expected, strict=True)) > CLOSE:
                 wrong[name] = one, expected
     assert count > 90
-    assert len(wrong) <= 0.02 * count, wrong
+    assert len(wrong) <= max(0.01 * count, 1), wrong
 
 
 @pytest.mark.thorough

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -171,21 +172,22 @@ def test_a_scanned_bunny_is_relit(given):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("given", "least"), [(True, (30, 30, 30)), (False, (31, 27, 29.5))], ids=["given", "from depths"]
+    ("given", "least"), [(True, (34, 30, 33)), (False, (31, 27, 31))], ids=["given", "from depths"]
 )
 def test_a_scanned_dragon_is_relit_where_images_saw_it(given, least):
     """The dragon has 871,414 triangles. Its scales are smaller than a sample, so estimated normals miss them, and the
-    lamp's highlights differ.
+    lamp's highlights differ. The outermost pixels are left out: which of them are covered decides about one decibel.
     """
     truth, views = scan_of("dragon_vrip.ply.gz", given)
-    by_images = truth.seen_by(views)
+    inside = cv2.erode(np.isfinite(truth.depth).astype(np.uint8), np.ones((3, 3))) > 0
+    by_images = truth.seen_by(views) & inside
     for name in ("depth object", "depth meshes"):
         thing = MAKERS[name](views)
         for light, bar in zip(LIGHTS.values(), least, strict=True):
             frame = ibr.render(thing, truth.camera, ibr.Light(**light, shadow_size=0, relight=True))
             shown = truth.seen(frame)
             seen = shown & by_images
-            assert seen.sum() > 0.95 * shown.sum() > 11000
+            assert seen.sum() > 0.98 * (shown & inside).sum() > 10500
             assert psnr(frame.color, truth.lit(ibr.Light(**light)), seen) >= bar, name
 
 

@@ -17,6 +17,7 @@ from pyibr.core.camera import Camera
 from pyibr.images.metrics import silhouette_iou
 from tests.data import shared
 from tests.embree import rays_of
+from tests.one_lane import both_forms
 from tests.reference.slicing import first_depth, visual_hull
 from tests.slicing.solids import looking, revolved
 
@@ -330,6 +331,16 @@ def test_bad_input():
     ):
         with pytest.raises(ibr.ArgumentError, match=f"^{argument}: "):
             ibr.VisualHull(disk_views(20), **changes)
+
+
+@pytest.mark.thorough
+def test_one_lane_gives_the_same_colours():
+    scene, views = smooth_ring("donut", "perspective")
+    camera = looking(scene, AROUND[0], (81, 67))
+    wide, narrow = both_forms(lambda: ibr.render(ibr.VisualHull(views), camera))
+    assert (wide.valid != narrow.valid).sum() <= 2  # at the outline, float32 decides
+    off = np.abs(wide.color.astype(int) - narrow.color).max(axis=-1)[wide.valid & narrow.valid]
+    assert np.quantile(off, 0.99) <= 1
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])

@@ -9,6 +9,7 @@ import pyibr as ibr
 from pyibr.capture import MeshScene, object_views
 from pyibr.slicing import meshing
 from tests.boxes import cuboid
+from tests.one_lane import both_forms
 from tests.slicing.solids import cup, looking, torus, views_of_torus
 
 KINDS = (ibr.DepthObject, ibr.VisualHull)
@@ -79,3 +80,12 @@ def test_resolution_is_a_number(wrong):
     thing = ibr.DepthObject(views_of_torus("orthographic"))
     with pytest.raises(ibr.ArgumentError, match=r"^resolution: "):
         thing.to_mesh(wrong)
+
+
+@pytest.mark.thorough
+def test_both_forms_of_kernels_find_the_same_mesh():
+    views = views_of_torus("nine, anywhere")
+    wide, narrow = both_forms(lambda: ibr.DepthObject(views).to_mesh(31))
+    assert len(wide.faces) > 1000
+    assert abs(len(wide.faces) - len(narrow.faces)) <= 1e-3 * len(wide.faces)
+    assert abs(volume(wide) / volume(narrow) - 1) <= 1e-4

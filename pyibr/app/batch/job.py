@@ -23,7 +23,7 @@ class Task(NamedTuple):
 
     name: str
     inputs: dict[str, str]  # paths or URLs
-    key: str  # checksum of the command and of its inputs' change markers
+    key: str  # checksum of the command and of its inputs' paths and change markers
     row: int = 0  # row in the arrays of a Zarr store
     rows: int = 0  # number of rows in these arrays
 
@@ -66,7 +66,7 @@ class Job:
                 lacking[name] = f"no file of this name matches {' or '.join(missing)}"
                 continue
             own = shared | {one: urls[name] for one, urls in several.items()}
-            told = json.dumps([self.template, {one: state for one, (_, state) in own.items()}, ibr.__version__])
+            told = json.dumps([self.template, own, ibr.__version__])
             tasks.append(
                 Task(name, {one: url for one, (url, _) in own.items()}, hashlib.sha256(told.encode()).hexdigest())
             )
