@@ -23,7 +23,7 @@ from pyibr.warp.view import WarpedView
 from pyibr.warp.warp import checked_cameras
 
 _PLACES_MAX = 6  # extreme places of a path
-_BETWEEN = 0.1  # of the longest shift: places closer to the lines between chosen ones uncover nothing more
+_BETWEEN = 0.1  # times the longest shift: places closer to the lines between chosen ones uncover nothing more
 _LARGEST = 2.0  # sides of the layer, relative to the view's sides
 
 
@@ -38,8 +38,8 @@ def background_layer(view: DepthImage, cameras: Camera | Sequence[Camera], *, fi
     ----------
     view : DepthImage
     cameras : Camera or sequence of Camera
-        Cameras of the path. The layer holds what they and cameras between them see behind the view's surface and, up
-        to half the view's size away, beyond its border.
+        Cameras of the path. The layer covers the surfaces that they and cameras between them see behind the view's
+        foreground and, up to half the view's size away, beyond its border.
     fill : {"background", "smooth", "inpaint", "exemplar"}
         How holes are filled, as in `warp`.
 
