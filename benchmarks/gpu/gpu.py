@@ -46,7 +46,7 @@ class Card:
     clock: float  # Hz
 
     def seconds(self, cost: Cost) -> float:
-        """Bound a kernel's time: the longest of its times for bytes, instructions, and the longest work-items."""
+        """Lower bound of a kernel's time: the greatest of its times for bytes, instructions, and chains."""
         return max(
             (cost.read + cost.written) / self.bytes_per_second,
             cost.instructions / (self.operations_per_second / 2),

@@ -26,8 +26,9 @@ RELIEF_SCENES = """### Scenes
 
 Cells show milliseconds, and frames per second in brackets. With *exact* distances, the default, each ray is followed
 through the prisms below the mesh's triangles. The other ways approximate where a ray leaves the relief: by a distance
-along the normal (equation 7), or at right angles to the ray (equation 6). The factors compare the times of exact and
-approximate distances, and of equations 6 and 7 (the paper reports a factor of two). The room has several reliefs, lit
+along the normal (equation 7), or at right angles to the ray (equation 6). The first
+two factors divide the time with exact distances by the time with approximate ones. The third divides the time with
+equation 6 by the time with equation 7 (the paper reports a factor of two). The room has several reliefs, lit
 with shadows. Its shadow map is kept while only the camera moves; when the light moves, all reliefs are drawn twice. The
 other scenes have no light.
 """

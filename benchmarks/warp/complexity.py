@@ -1,10 +1,10 @@
 """Measures how time and visited samples grow with the image's side n: by O(n^3) for `search`, O(n^2) for `epipolar`.
 
 The smooth scene has the same shape at any n, so that epipolar segments grow in proportion to n. White noise in the same
-range of depth is the other extreme: the hit of a pixel's epipolar line says almost nothing about the pixel's own hit,
-so the pixel is traced again, in more windows as n grows. The number of windows is bounded, but these images are too
-small to reach the bound, so visits on noise have no bar. Both scenes are drawn with `edges="connect"`, like the paper's
-displacement maps: one surface without holes, however steep it is.
+range of depth is the other extreme. The hit on a pixel's epipolar line then hardly predicts the hit on the pixel's own
+ray, so this ray is traced, in a number of windows that grows with n. The number of windows is bounded, but these images
+are too small to reach the bound, so visits on noise have no bar. Both scenes are drawn with `edges="connect"`, like the
+paper's displacement maps: one surface without holes, however steep it is.
 """
 
 from __future__ import annotations

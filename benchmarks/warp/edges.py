@@ -1,6 +1,6 @@
 """Counts the errors of edge tests in scenes with known depth edges. Nothing is timed.
 
-A sample is torn if the test cuts it off a neighbour on the same surface. It is part of a sheet if the test joins it to
+A sample is torn if the test cuts it from a neighbour on the same surface. It is part of a sheet if the test joins it to
 another surface. pyibr's default test is compared with two limits on the ratio of depths, for each kind of noise.
 """
 
@@ -37,7 +37,7 @@ BASE = "cut_ratio=1.05"
 BARS = {TORN: (0.3, 0), SHEETS: (1.1, 30)}
 """Limits for the default test's counts over all scenes: a multiple of the count of `BASE`, plus a number of samples."""
 SEPARATOR = ", "  # between the names of noises in a record, which has a value for each
-FEW = 100  # samples across: narrower images may have no more sheets than with `BASE`
+FEW = 100  # image width in samples: in narrower images, the default test must not leave more sheets than `BASE`
 
 
 def cases(plan: Plan) -> Iterator[Case]:

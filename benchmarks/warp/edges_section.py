@@ -11,12 +11,12 @@ from benchmarks.warp.edges import AUTOMATIC, BARS, BASE, FEW, SEPARATOR, SHEETS,
 EDGES = """## Depth edges
 
 Noise of each kind is added to images of {count} scenes whose depth and depth edges are known exactly. *Torn* counts
-samples that the edge test cuts off a neighbour on the same surface. *Sheets* counts samples that it joins to another
+samples that the edge test cuts from a neighbour on the same surface. *Sheets* counts samples that it joins to another
 surface, across empty space. Each cell is *torn / sheets*, added over all scenes. Scenes are left out if their pattern
 repeats within fewer than three samples.
 
 Every edge counts, even a step of 1 % of the depth, which is below the ratios' limits, and a step that the noise hides.
-The bars: the default test tears at most {torn:g} times as many samples as {base}. It leaves at most {sheets:g} times as
+Required: the default test tears at most {torn:g} times as many samples as {base}. It leaves at most {sheets:g} times as
 many sheets plus {more} samples, and no more than {base} in images less than {few} samples wide.
 """
 

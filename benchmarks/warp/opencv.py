@@ -59,7 +59,7 @@ class Task:
 
 
 def subjects(task: Task) -> dict[str, Subject]:
-    """Make OpenCV's subjects. cv2.remap gets finished maps, so its time is the least for moving colour and depth."""
+    """OpenCV's functions to time. cv2.remap gets finished maps, so its time is only a lower bound."""
     cv2 = opencv("the benchmark of the warp", "warpFrame", "registerDepth")
     K, Rt, undistorted = task.source.K, task.target_from_source, np.zeros(5)
     across, down = source_positions(task)

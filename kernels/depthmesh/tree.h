@@ -52,8 +52,7 @@ typedef struct {
 
 #define IS_SAMPLE(nearness) ((nearness) > 0.5f * NO_SURFACE)
 
-/* The noise of depths: a z z + b z + c at depth z. `noise_of_nearness`: the same as a difference in nearness, at
- * nearness n */
+/* The noise of depths: a z z + b z + c at depth z. `noise_of_nearness`: the noise at nearness n, as nearness */
 #define NOISE_AT(of, z) (((of)[0] * (z) + (of)[1]) * (z) + (of)[2])
 INLINED floatl noise_of_nearness(const Layout *layout, const float *of, floatl n)
 {

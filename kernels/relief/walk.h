@@ -62,7 +62,7 @@ typedef struct {
     floatl depth;                   /* depth at this distance */
     intl active;                    /* rays that are followed */
     intl is_beyond, ends_at_border; /* rays that are beyond a border; rays that end at borders */
-    intl side;   /* side where the ray enters the prism, later where it leaves; -1: none, at the mesh or bottom */
+    intl side;   /* side through which the ray enters, later leaves the prism; -1: through the mesh or the bottom */
     intl beside; /* the same side in the neighbouring triangle, or -1, as in `prisms` */
     floatl leg, way, end;                      /* the leg's length, direction (1 or -1), and depth at its end */
     floatl second, third, by_second, by_third; /* corners' weights, and their change per scene unit of the leg */

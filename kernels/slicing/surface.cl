@@ -74,8 +74,8 @@ INLINED intl test_at(const Context *context, const Prism *t, const Region *regio
     return possible;
 }
 
-/* Bisects the interval from the depth `before`, whose points do not pass, to the hits on the rays in `passed`. Beyond
- * the depth `extended`, points outside the prism can pass, too. */
+/* For the rays in `passed`, bisects the interval from the depth `before`, where the alpha test fails, to the hit.
+ * Beyond the depth `extended`, points outside the prism can pass the test, too. */
 void refine_slice_hit(const Context *context, const Prism *t, const Region *region, int block, const PrismRays *rays,
                       SliceHit *hit, int halvings, floatl before, intl passed, floatl extended)
 {

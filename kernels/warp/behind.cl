@@ -32,8 +32,10 @@
 #define NARROW_HOLE 0.02f /* fraction of the picture's longer side: shorter holes are narrow, */
 #define WIDE_HOLE 0.035f  /* and longer holes are wide */
 #define OUTWARD 8         /* slopes are measured from a hole's ends outwards, over 1/8 of the hole's length */
-#define FLAT 0.05f    /* fraction of the ends' difference of nearness: across the hole, flat surfaces change by less, */
-#define SLOPING 0.15f /* and sloping surfaces change by more than this fraction */
+/* Change of a surface's nearness across the hole, as a fraction of the difference between the ends: below FLAT the
+ * surface is flat, above SLOPING it slopes. */
+#define FLAT 0.05f
+#define SLOPING 0.15f
 
 /* The depth by which two pixels of one surface may differ: same_2 z^2 + same_1 z + same_0 at depth z */
 typedef struct {

@@ -16,7 +16,7 @@
 
 /* LANES pixels of a row */
 typedef struct {
-    floatl n;    /* the line's hit, later the pixel's own */
+    floatl n;    /* nearness of the epipolar line's hit, later of the hit on the pixel's own ray */
     floatl u, v; /* where the hit lies in the source */
     intl smooth; /* mask: the pixel's hit and its neighbours' hits lie on one smooth surface */
     intl traced; /* mask: trace the pixel's own ray, unless it meets the triangle at the line's hit */

@@ -21,11 +21,13 @@
 #ifndef HAS_PLACES
 #define HAS_PLACES 0 /* 1: samples lie at `places` in the source image; 0: they are the image's own samples */
 #endif
-#define WALK_STEPS 24        /* samples of the source: points farther apart count as points of two surfaces */
-#define SAME_SURFACE 1.0f    /* samples of the source: points at most this far apart count as points of one surface */
+/* Distances between two points, in samples of the source: up to the first they lie on one surface, beyond the second on
+ * two. In between, the ray between the points is walked. */
+#define SAME_SURFACE 1.0f
+#define WALK_STEPS 24
 #define RELATIVE_TOLERANCE 1e-3f    /* a ray is behind a surface if its nearness is less by more than this fraction, */
 #define OCCLUSION_DEVIATIONS 5.0f   /* plus this many standard deviations of the noise */
-#define SLOPE_STEP 2          /* samples on each side over which slopes are measured, first; then three times as many */
+#define SLOPE_STEP 2          /* samples on each side over which slopes are measured; then over three times as many */
 #define SLOPE_DEVIATIONS 3.0f /* standard deviations of the noise in the depths from which slopes are computed */
 
 /* Does the Cut tear depths a <= b apart? Gives the same result as IS_OPEN, without divisions; false for NaN. */

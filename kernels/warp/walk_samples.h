@@ -1,7 +1,7 @@
 #ifndef WARP_WALK_SAMPLES_H
 #define WARP_WALK_SAMPLES_H
-/* Walks along rows or columns of samples of the source, from sample to sample. This is exact, as a line along samples
- * sees only the edges between these.
+/* Walks along rows or columns of samples of the source, from sample to sample. This is exact: such a line runs
+ * along the edges between its samples, and crosses no other edge.
  */
 #include "warp/interval.h"
 

@@ -251,7 +251,7 @@ def read_depth(
         The depth's camera, needed for distances.
     channel : str, optional
         The channel of an EXR, such as ``"ViewLayer.Depth.Z"``; the array of an NPZ or HDF5. Default: the one named
-        depth or z, never one of X, Y, Z or of differing R, G, B.
+        depth or z. No channel of X, Y and Z is taken, and R, G or B only if all three are equal.
     part : str, optional
         The part of an EXR: its name, or its number if it has none. Default: the first part with the channels sought.
     near, far : float

@@ -339,8 +339,9 @@ def _safe_kernels() -> dict[str, str]:
 def _optimized_once(found: Found) -> list[str]:
     """Build options that make PoCL optimize each kernel, but not the whole program first: half of the build time.
 
-    PoCL splits options at spaces, clang also at tabs, so only clang sees this option, as the sources of the matched
-    releases show. From LLVM 18 on, a pass ends the process if the program as a whole was not optimized.
+    The option follows a tab. PoCL splits options only at spaces, so it does not see the option; clang splits also at
+    tabs, and does. The sources of the matched releases show this. LLVM 18 and later are not matched, because one of
+    their passes aborts the process if the whole program was not optimized.
     """
     was_read = found.kind == "cpu" and re.search(r"PoCL [3-7]\..*LLVM 1[4-7]\.", found.version)
     return ["-DBY_KERNEL\t-disable-llvm-passes"] if was_read else []

@@ -22,7 +22,7 @@ from pyibr.opencl.program import kernel
 from pyibr.picture.cube_faces import cube_face_cameras, joined_faces
 from pyibr.picture.target import Target
 
-_SIDES = {side * side: side for side in range(1, 9)}  # samples along each side of a pixel, by their number
+_SIDES = {side * side: side for side in range(1, 9)}  # samples along each side, by the number of samples in a pixel
 
 
 class PictureParts:

@@ -58,7 +58,10 @@ class _Fan:
         return self.w == 0.0 and math.isclose(abs(self.e_across), abs(self.e_along), rel_tol=_ROUNDING)
 
     def reach(self) -> tuple[float, float]:
-        """Range of positions, at the reference, of lines that cross the area within 45 degrees of `axis`."""
+        """Range of the lines' positions across the axis, at the pixel `reference`.
+
+        Only lines that cross the area within 45 degrees of `axis` count.
+        """
         low, high = -math.inf, math.inf
         if self.nearest > 0.0:
             cuts = [

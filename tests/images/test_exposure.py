@@ -60,7 +60,7 @@ def test_views_that_nothing_is_known_of_keep_their_colours():
 
 
 def test_colours_do_not_tell_where_views_show_two_surfaces():
-    """One view sees a surface in front of the wall, farther away from it than noise explains."""
+    """One view sees a surface in front of the wall; noise does not explain the distance between the two."""
     found = exposure_gains([wall(0, 1.0), wall(0, 0.5, depth=3.0)])
     np.testing.assert_array_equal(found, np.ones((2, 3)))
 

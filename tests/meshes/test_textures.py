@@ -34,7 +34,7 @@ def test_a_pyramid_holds_all_levels_as_words(size: tuple[int, int]) -> None:
         count = level.shape[0] * level.shape[1]
         made = words[start : start + count].view(np.uint8).reshape(*level.shape[:2], 4)
         assert (made[..., 3] == 255).all()
-        # 1: pyibr, in float32, and OpenCV may round a mean between two bytes to different bytes.
+        # atol=1: pyibr computes in float32, so it may round a mean between two bytes to another byte than OpenCV.
         np.testing.assert_allclose(made[..., :3].astype(int), level, atol=1)
         start += count
         if count == 1:

@@ -138,7 +138,7 @@ def margins_of(view: DepthImage, ring: Array, torn: Edges) -> Margins:
         low, high = open_parts[tx, ty]
         most_x, most_y = steepest_margins(view, q)
         gu, gv = np.clip(slope(tx, 0), -most_x, most_x), np.clip(slope(0, ty), -most_y, most_y)
-        if (tx, ty) == (1, -1):  # where the cell's other triangle is drawn, its plane continues
+        if (tx, ty) == (1, -1):  # touches both triangles of a cell; if only one is open, its plane continues
             planes = (
                 (high & ~low, at(ring, 1, -1) - at(ring, 0, -1), q - at(ring, 0, -1)),
                 (low & ~high, at(ring, 1, 0) - q, at(ring, 1, 0) - at(ring, 1, -1)),

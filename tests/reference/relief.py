@@ -1,8 +1,8 @@
 """Relief mapping in float64: a readable reference.
 
-Each pixel's ray enters the relief at every triangle that it meets from the front. Below each of these triangles the
-ray is searched for the relief, whose surface is measured from a quadric; the nearest hit is visible. If a search finds
-nothing, the ray is searched again up to the next triangle that it meets from behind; depth is then below the mesh.
+Each pixel's ray enters the relief at every triangle that it meets from the front. Below each of these triangles, the
+relief is searched for along the ray. Its depth is measured from a quadric. The nearest hit is visible. If a search
+finds nothing, it goes on to the next triangle that the ray meets from behind; depth is then below the mesh.
 """
 
 from __future__ import annotations

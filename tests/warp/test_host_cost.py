@@ -76,7 +76,7 @@ def test_a_fresh_warp_is_few_commands(moved, launches, lanes, monkeypatch: pytes
     depth[20:40, 20:40] = 1.0
     camera = view.camera.moved(*moved)
     prepares = ["find_noise", "prepare"]
-    if lanes == 1:  # for GPUs, `prepare` is four launches; segments of lines need cleared pixels
+    if lanes == 1:  # for GPUs, `prepare` is four launches, and the picture is cleared first
         prepares = ["find_noise", "to_nearness", "find_edges", "continue_border", "look_around"]
         launches = ["clear", *(name for name in launches if name != "clear")]
         launches.insert(1, "bound_surface")

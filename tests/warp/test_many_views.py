@@ -160,7 +160,7 @@ def test_work_is_linear_in_the_views(monkeypatch):
         assert compared <= 9 * count
         launches = Counter(name for _, name, _ in seen.of)
         for name in ("epipolar_sweep", "resolve", "weigh_layer"):
-            assert launches[name] == 2 * count - 2, "twice each, except the two that are kept"
+            assert launches[name] == 2 * count - 2, "each view is drawn twice, except the two whose layers are kept"
         assert launches["blend_layers"] == -(-count // 2)
 
 

@@ -66,7 +66,7 @@ class Renderer(Generic[_Request, _Result]):
                 return
             known = self._clients.setdefault(client, _Client())
             if known.newest is None and known.rested is None:
-                # An idle or new client may not use the time that it has saved up.
+                # A new or idle client gets no extra share for the time in which it asked for nothing.
                 busy = [other.used for other in self._clients.values() if other is not known]
                 known.used = max(known.used, min(busy, default=0.0))
             self.dropped += known.newest is not None

@@ -268,7 +268,7 @@ class PlacePage:
         clean.on_click(lambda _: self.placement.clean())
 
     def paint_at(self, at: tuple[float, float], gesture: object) -> None:
-        """Paint at the brush's position, in widths and heights of the corner's picture."""
+        """Paint at the brush's position, in fractions of the width and height of the picture in the page's corner."""
         self.placement.paint(at, self._radius.value, self._erases.value, gesture)
 
     @property
