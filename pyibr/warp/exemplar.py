@@ -68,8 +68,8 @@ def continue_texture(target: Target, spread: Callable[[Target], None]) -> None:
             above, radius = levels[step + 1], _RADIUS
             level.launch("refine_matches", coarse=above.field, coarse_pitch=above.pitch, field=level.field)
             level.launch("vote", field=level.field)
-        for _ in range((step + 1) ** 2):
-            for _, jump in itertools.product(range(step + 1), _JUMPS):
+        for _ in range(3**step):
+            for jump in _JUMPS:
                 level.search(next(number), jump, radius)
             level.launch("vote", field=level.field)
     marked = Target(target.camera, np.dtype(np.uint8))
