@@ -28,7 +28,7 @@ from pyibr.picture.drawable import as_drawable
 from pyibr.picture.surface import surface_of
 from pyibr.picture.unseen import MarkedUnseen
 from pyibr.raster.rays import triangles_met
-from pyibr.warp import blending
+from pyibr.warp import blending, exemplar
 from tests import scenes
 from tests.opencl.setting import KINDS, Launches, Poisoned, Ran, Setting, kernels_of
 from tests.scenes import Size
@@ -64,13 +64,14 @@ def _warps(setting: Setting) -> Cases:
             if pose == "ahead":
                 yield f"{name} of two", partial(ibr.warp, [view, beside], camera, classes=True)
                 yield f"{name}, two views, one held", partial(_warp_holding_one, [view, beside], camera)
-    view = setting.view(scenes.holed, (37, 33), "perspective")  # large enough for a coarser resolution
-    yield "texture", partial(ibr.warp, view, view.camera.moved(0.2, 0, 0), fill="exemplar")
+    view = setting.view(scenes.holed, (13, 9), "perspective")
+    yield "texture", partial(_warp_with_texture, view, view.camera.moved(0.2, 0, 0))
 
 
 def _layers(setting: Setting) -> Cases:
     """A layer of background, drawn in the holes of its view's pictures."""
-    for (size, target), projection in product((((13, 7), (5, 7)), ((1, 1), (33, 2)), ((17, 33), (37, 5))), PROJECTIONS):
+    sizes = ((13, 7), (5, 7)), ((1, 1), (33, 2)), ((17, 33), (37, 5))
+    for (size, target), projection in product(sizes[: setting.choose(1, 2, 3)], PROJECTIONS):
         view = setting.view(scenes.holed, size, projection)
         if view.valid.any():
             path = [view.camera.moved(0.4 * k, 0.1, 0.1 * k).resized(target) for k in range(3)]
@@ -89,6 +90,12 @@ def _bridges(setting: Setting) -> Cases:
         DepthImage(view.color if colored else None, view.depth, view.camera) for view in scenes.ramp_and_empty(size)
     ]
     yield f"bridges {size}", partial(ibr.warp, views, views[0].camera)
+
+
+def _warp_with_texture(view: DepthImage, camera: ibr.Camera) -> ibr.Frame:
+    """Fill holes with texture in several resolutions, though the picture is small."""
+    with patch.object(exemplar, "_SIDE_MIN", 4):
+        return ibr.warp(view, camera, fill="exemplar")
 
 
 def _warp_holding_one(views: list[DepthImage], camera: ibr.Camera) -> ibr.Frame:
@@ -172,7 +179,7 @@ def _square() -> tuple[list[list[float]], list[list[int]], list[list[float]]]:
 def _lights(setting: Setting) -> list[ibr.Light | None]:
     lit = [ibr.Light(position=(0, 0, 0), shadow_size=7, specular=0.5)]
     lit.append(ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0, relight=True))  # also lights the depth image
-    return lit if not setting.thorough else [None, ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0), *lit]
+    return lit if not setting.amount else [None, ibr.Light(direction=(0.1, 0.2, 1), shadow_size=0), *lit]
 
 
 def _screens(setting: Setting) -> list[ibr.Camera]:
@@ -287,13 +294,13 @@ def _reliefs(setting: Setting) -> Cases:
         for way in ways if first or second else others:
             made = ibr.ReliefSurface(_tiled_square(), height, color, 0.3, normal_map=normals, **way)
             is_plain = way == ways[0] and (first or second)
-            is_close = is_plain or (first and setting.thorough)
+            is_close = is_plain or (first and setting.amount)
             for camera in [*_above(setting), *([_within()] if is_close else [])]:
                 name = f"relief {height.shape} {way} {camera.size}"
                 yield name, partial(_draw, setting, [made], camera, light)
                 if is_plain:
                     yield f"{name}, filtered", partial(_draw, setting, [made], camera, light, 3)
-                if is_close and setting.thorough:
+                if is_close and setting.amount:
                     yield f"places {height.shape} {way} {camera.size}", partial(made.tile_coordinates, camera)
 
 
@@ -321,7 +328,7 @@ def _objects(setting: Setting) -> Cases:
             things.append(ibr.DepthObject(views, slices=9, slicing=slicing, thin=True))
             if sizes[0] != (1, 1):
                 things.append(ibr.VisualHull(views, slices="view", slicing=slicing))
-            for camera in cameras[: 3 if setting.thorough else 2]:
+            for camera in cameras[: 3 if setting.amount else 2]:
                 yield f"objects of {sizes} {slicing} {camera.size}", partial(_draw, setting, things, camera)
                 light = ibr.Light(direction=(-1, -1, -2), shadow_size=7, relight=True)
                 name = f"objects of {sizes} {slicing} {camera.size}, relit"
@@ -436,5 +443,5 @@ def check_all_ran(ran: Ran, group: str) -> None:
 
 if __name__ == "__main__":
     group = sys.argv[1]
-    check_all_ran({one for kind in KINDS for one in run_all(Setting(kind, thorough=False), Launches(), group)}, group)
+    check_all_ran({one for kind in KINDS for one in run_all(Setting(kind, 0), Launches(), group)}, group)
     print("through on", current().device.platform)

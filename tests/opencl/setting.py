@@ -85,12 +85,12 @@ class Setting:
     """Settings of a case."""
 
     kind: Kind  #: kind of the colours
-    thorough: bool  #: whether to run all sizes; if not, the fewest that run every kernel: Oclgrind is slow
+    amount: int  #: of sizes and maps; 0: the fewest that run every kernel, as Oclgrind is slow; 1: some; 2: all
     empty: Callable[[tuple[int, ...], DTypeLike], NDArray[Any]] = field(default=np.empty)  #: makes arrays for `out`
 
     def choose(self, least: _T, some: _T, everything: _T) -> _T:
-        """Choose sizes or maps of a case: the most for uint8, fewer for other kinds, whose accesses are the same."""
-        return (least, some, everything)[self.thorough + (self.kind == "uint8")]
+        """Choose sizes or maps of a case by `amount`."""
+        return (least, some, everything)[self.amount]
 
     def colors(self, image: NDArray[np.uint8]) -> NDArray[Any]:
         """Return an image in this kind of colours: bytes, or floats in [0, 1]."""
