@@ -37,6 +37,18 @@ def test_without_strength_what_is_kept_is_to_the_bit_what_was_measured():
     assert np.isin(cleaned[invented], depth).all()  # each is the depth of a sample
 
 
+@pytest.mark.parametrize("every", [2, 3, 4])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_samples_of_a_steep_surface_stay_beside_missing_ones(axis, every):
+    """Each sample lies between its neighbours, as a flying pixel does, but on a line through them."""
+    place = np.mgrid[:61, :83][axis]
+    depth = (2 + 0.15 * place).astype(np.float32)
+    depth[place % every == 0] = np.nan
+    cleaned, invented = ibr.clean_depth(depth, strength=0, holes=0)
+    inside = np.s_[8:-8, 8:-8]
+    np.testing.assert_array_equal((np.isfinite(cleaned) & ~invented)[inside], np.isfinite(depth)[inside])
+
+
 def test_nothing_is_invented_outside_of_the_hull_that_discs_leave():
     rng = np.random.default_rng(2)
     depth = np.full((61, 97), np.nan, np.float32)

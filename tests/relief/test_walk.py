@@ -128,3 +128,18 @@ def test_sides_of_a_box_sink_as_one():
     made = mitred(fold, normals.repeat(3, axis=0), np.arange(6, dtype=np.int32).reshape(2, 3))
     middle = normals.mean(axis=0) * 2 / np.linalg.norm(normals.mean(axis=0))
     np.testing.assert_allclose(made[[0, 1, 3, 4]], middle * np.ones((4, 1)))
+
+
+def test_the_level_does_not_depend_on_which_corner_is_first():
+    """The number of texels in a pixel is the triangle's own, however long it is."""
+    height = np.random.default_rng(0).random((256, 256), np.float32)
+    color = np.repeat((255 * height).astype(np.uint8)[..., None], 3, axis=2)
+    corners, uv = [[0, 0, 0], [1, 0, 0.3], [1, 6, 0], [0, 6, 0.3]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    camera = ibr.Camera.look_at((-2, 3, 4), (0.5, 3, 0), (0, 0, 1), (161, 75), fov_y=40)
+    first, *others = (
+        ibr.render(ibr.ReliefSurface(ibr.Mesh(corners, faces, uv=uv), height, color, 0.05), camera)
+        for faces in ([[0, 1, 2], [0, 2, 3]], [[1, 2, 0], [2, 3, 0]], [[2, 0, 1], [3, 0, 2]])
+    )
+    assert first.valid.mean() > 0.15
+    for frame in others:
+        assert (frame.valid != first.valid).sum() <= 3 and np.nanmax(np.abs(frame.depth - first.depth)) < 1e-3

@@ -109,6 +109,23 @@ def test_other_things_hide_guesses():
         assert frame.valid.all() and (frame.color[45, 60:95] == 255).all(axis=-1).sum() >= 4
 
 
+def test_the_nearest_of_several_guesses_is_shown():
+    view, shape = card(), SIZE[::-1]
+    layers = [
+        ibr.DepthImage(np.full((*shape, 3), 10 * z, np.uint8), np.full(shape, z, np.float32), CAMERA, guessed=True)
+        for z in (5, 7, 6)
+    ]
+    nearest, first, last = (ibr.warp([view, *some], ASIDE[-1]) for some in (layers[:1], layers, layers[::-1]))
+    shown = np.isfinite(nearest.depth) & ~nearest.valid
+    assert shown.sum() > 100 and (first.color[shown] == 50).all()
+    for one, other in (
+        (first.depth[shown], nearest.depth[shown]),
+        (first.color, last.color),
+        (first.depth, last.depth),
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_guesses_are_lit_and_cast_no_shadows():
     view = card()
     layer = ibr.background_layer(view, ASIDE)
