@@ -18,6 +18,7 @@ from pyibr.core.pixelspace import pixel_size
 from pyibr.images.metrics import silhouette_iou
 from pyibr.slicing import alpha_tests
 from pyibr.slicing.drawing import spacing_in
+from pyibr.slicing.spacing import nearest_pixel
 from tests.displaced import interior, square
 from tests.one_lane import one_lane
 from tests.relief.solids import grid
@@ -152,6 +153,13 @@ def test_no_tip_is_lost_where_texels_are_large(kind, shape, more, slicing, proje
         check_seen_large(
             square(), steep(kind, shape), camera(elevation, 25, (151, 113), projection), SCALE, slicing=slicing, **more
         )
+
+
+def test_pixels_are_measured_at_the_nearest_corner():
+    K, corners = [[50, 0, 40], [0, 100, 30], [0, 0, 1]], np.array([[0, 0, 4.0], [1, 2, 3]])
+    assert nearest_pixel(Camera(K, (80, 60)), corners) == pytest.approx(3 / 50)
+    assert nearest_pixel(Camera(K, (80, 60)), corners - [0, 0, 3]) == 0
+    assert nearest_pixel(Camera(K, (80, 60), projection="orthographic"), corners) == pytest.approx(1 / 50)
 
 
 @pytest.mark.parametrize("sides", [(12, 6), (48, 24)])
