@@ -12,7 +12,7 @@
 #include "lib/valid.h"
 #include "warp/corners.h"
 
-#define FIRST_WINDOW 8.0f /* pixels of the guessed view */
+#define FIRST_WINDOW 16.0f /* pixels of the guessed view */
 
 /* The hits of the rays of pixels x of row y on a connected surface. Guesses are background, so each ray is searched from
  * its far end, in windows that grow. */
