@@ -127,7 +127,7 @@ def table2_section(result: Result, folder: Path) -> list[str]:
 
 
 def _rightness(result: Result, here: dict[str, Parameter]) -> list[str]:
-    """Correctness of the picture in a row of the table, with its bars."""
+    """Cells of a table's row: fractions of wrong and uncovered pixels, their bars, and the verdict."""
     found = {name: list(result.select(subject="nearest", quantity=name, **here)) for name in table2.RIGHT}
     if not all(found.values()):
         return [*("" for _ in found), "", "**not measured**"]

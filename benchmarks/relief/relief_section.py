@@ -87,7 +87,7 @@ def relief_section(result: Result, folder: Path) -> list[str]:
 
 
 def _relief_steps(result: Result) -> list[str]:
-    """Table of both searches on both maps, and the steps from which the linear search misses as little as allowed."""
+    """Table of both searches on both maps, and how many steps the linear search needs to miss at most `EQUAL`."""
     rows: list[list[str]] = []
     notes: list[str] = []
     for name in relief.MAPS:

@@ -36,7 +36,7 @@ BARS = {
 """Greatest ratio of a subject's time to cv2.warpFrame's (the median over the positions), by subject and size."""
 
 REMAP_BAR, REMAP_FROM = 1.7, 1024
-"""Greatest ratio to cv2.remap's time (the median over the positions), and the least size for which it is a bar."""
+"""Greatest ratio of pyibr's time to cv2.remap's (the median over the positions), and the least size it applies to."""
 
 
 def cases(plan: Plan) -> Iterator[Case]:
@@ -69,7 +69,7 @@ def _relief(n: int) -> tuple[Array, Array]:
 
 
 def _open3d(task: Task) -> dict[str, Subject]:
-    """Make Open3D's subjects: they build the same surface in each turn, and cast rays that were made before at it."""
+    """Make Open3D's subjects: one builds the surface, the other casts rays at a surface that is already built."""
     o3d: Any = import_module("open3d")
 
     height, width = task.depth.shape

@@ -17,7 +17,7 @@
 #define ARC_PARTS 16 /* equal parts of a ray below the mesh; the deepest end of a part is found */
 #define BOTTOM_TOLERANCE 1e-3f /* fraction by which estimated depths grow, so that rays reach the bottom */
 
-/* A ray is below the mesh from its entry, where its depth grows by `first_slope` per scene unit, to a back `distance`
+/* A ray enters below the mesh, where its depth grows by `first_slope` per scene unit. It comes out `distance`
  * scene units behind, where its depth falls by `slope`. Its depth is estimated by the cubic with these slopes and depth
  * 0 at both ends. Finds where the cubic first reaches the bottom, or else is deepest: sets t, and returns the depth. */
 INLINED floatl deepest_between(floatl first_slope, floatl distance, floatl slope, floatl *t)

@@ -30,12 +30,12 @@
 #define SHORTEST 1e-18f    /* scene units: shorter legs count as this long in divisions */
 #define SHORTEST_CUT 0.02f /* change of depth: shorter legs are not cut */
 #define SLACK 1.01f        /* a leg that is too long by less than this factor, as by rounding, is not cut */
-#define UNEVEN 0.2f        /* fraction of a leg: the ray has its mean depth at most this far from the leg's middle */
+#define UNEVEN 0.2f        /* fraction of a leg: the mean depth's place is clamped to this distance from the middle */
 /* Texels: greatest error of u and v. With larger errors in a light's map, reliefs would shade themselves. */
 #define BEND_MAX (DEPTH_ALONE ? 0.025f : 0.1f)
 #define TEXELS_MIN 16.0f /* columns or rows: for BEND_MAX, smaller maps count as this large */
 
-/* A triangle's prism: P relative to a ray's entry, N, u and v of its corners. Points and vectors have z along the
+/* A triangle's prism: P (relative to a ray's entry), N, u and v of its corners. Points and vectors have z along the
  * ray. */
 typedef struct {
     Vector point[3], normal[3];

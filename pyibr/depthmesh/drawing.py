@@ -88,7 +88,7 @@ def draw_depth_meshes(
     if lighting is not None:
         middle = 0.5 * (bounds[0] + bounds[1])
         noise, apart = noise_bias(views, target.camera, middle)
-        bias = tolerance * pixel_size(target.camera, middle) + noise  # a light's map is drawn from other triangles
+        bias = tolerance * pixel_size(target.camera, middle) + noise  # shadow maps are drawn with other triangles
         entry = entry_for(target, lighting, bias=bias, apart=apart, normals=True)
     camera, near = target.camera, target.near(bounds)
     closing, drawn = blending.closing, blending.drawn

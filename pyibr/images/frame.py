@@ -65,7 +65,7 @@ class Frame(Pictured):
         contribute to the pixel's colour, but not to its alpha. The depth is the front surface's among the seen
         samples, or among the filled samples where no sample was seen.
     guessed : (H, W) bool, or None
-        If a drawable that guesses was drawn, such as a closed `DepthMeshObject`: the pixels that show surface which no
+        If a drawn object guesses surface, as a closed `DepthMeshObject` does: the pixels that show surface which no
         view saw. With several samples per pixel, one such sample suffices. Guessed pixels are valid, but only for
         viewing: `valid & ~guessed` are the pixels to measure with. Filled holes are not valid and not marked here.
 

@@ -147,10 +147,11 @@ def copy(source: DeviceArray, target: DeviceArray, at: int = 0) -> None:
 
 
 def empty(shape: tuple[int, ...], dtype: DTypeLike, into: NDArray[Any] | None = None) -> DeviceArray:
-    """Return an uninitialised array for launches to write; on devices that copy, `to_host` copies it `into` an array.
+    """Return an uninitialised array for launches to write.
 
-    Its memory is reused when there are no more references to the array, on the device or on the host: fresh pages from
-    the system take longer than the kernels that fill them.
+    On devices with their own memory, `to_host` copies the values to the host array `into`. The array's memory is reused
+    when there are no more references to the array, on the device or on the host: fresh pages from the system take
+    longer than the kernels that fill them.
     """
     session = current()
     kind, whole = np.dtype(dtype), tuple(map(int, shape))  # NumPy's integers would overflow in products

@@ -55,7 +55,7 @@ def test_the_wall_goes_on_behind_a_box(projection, kind, slope):
     assert closed.sum() > 200
     assert frame.valid[hole].mean() >= 0.98
     off = np.abs(frame.depth - truth.depth) / truth.depth
-    # On each ray, the point is found to 1/128 of 1.5 % of the extent, which is at most four times the depth.
+    # A ray's point is known to 1/128 of a step of 1.5 % of the extent; the extent is at most 4 times the depth.
     assert np.median(off[closed]) <= 1e-3 and (off[closed] <= 0.01).mean() >= 0.97
     assert (np.abs(frame.color.astype(int) - truth.color)[closed].max(axis=1) <= 2).mean() >= 0.97
     same = bare.valid & (frame.depth == bare.depth)

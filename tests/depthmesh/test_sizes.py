@@ -17,7 +17,7 @@ WHOLE = Segmentation("none")
 
 
 def plane(size: scenes.Size, projection: str, slope: tuple[float, float]) -> ibr.DepthImage:
-    """View of a plane, about 1.5 to 4 away, by a camera whose image is as wide as its distance."""
+    """View of a plane, about 1.5 to 4 away. The image is as wide as the depth (perspective) or 1 (orthographic)."""
     width, height = size
     camera = Camera([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], size, projection=projection)
     y, x = np.mgrid[:height, :width]

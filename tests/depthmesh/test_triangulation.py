@@ -316,7 +316,7 @@ def test_vertices_are_samples(projection):
         pixel, z = view.camera.project(mesh.vertices.astype(np.float64))
         samples = samples_of(mesh, view.camera)
         x, y = samples.T
-        # Positions of about 5 are rounded in float32; a unit is at most 60 pixels.
+        # Positions of about 5 scene units are rounded to float32. A scene unit is at most 60 pixels.
         drawn = drawn_pixels(samples, view.camera.size)
         np.testing.assert_allclose(pixel, drawn, atol=1e-4)
         expected = [structure.drawn_at((x, y))[2] for x, y in samples.tolist()]

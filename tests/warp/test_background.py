@@ -146,6 +146,13 @@ def test_kinds_of_colours(dtype: type, colored: bool):
     assert layer.has_color == colored
 
 
+def test_the_border_reaches_half_the_views_size():
+    turned = [Camera([[FOCAL, 0, 60 + x], [0, FOCAL, 45 + y], [0, 0, 1]], SIZE) for x, y in ((29.5, 8.5), (500, 400))]
+    near, far = (ibr.background_layer(card(), camera).camera for camera in turned)
+    assert near.size == (SIZE[0] + 31, SIZE[1] + 10)  # a pixel more on the other sides
+    assert far.size == (SIZE[0] * 3 // 2 + 1, SIZE[1] * 3 // 2 + 1)
+
+
 def test_cameras_without_parallax_see_only_the_border():
     turned = CAMERA.resized(SIZE)
     frame = ibr.warp([card(), ibr.background_layer(card(), turned)], turned)

@@ -78,7 +78,7 @@ def relief(
     silhouette: Annotated[
         Silhouette, typer.Option(help="Outline of the relief; none: the whole mesh is covered")
     ] = "quadric",
-    distance: Annotated[Distance, typer.Option(help="Depth of a ray: below the mesh itself, or below quadrics")] = (
+    distance: Annotated[Distance, typer.Option(help="Measure a ray's depth from the mesh, or from quadrics")] = (
         "exact"
     ),
     shadow: Annotated[Shadow, typer.Option(help="Shadows by a shadow map, or by a search of the relief")] = "map",

@@ -1,4 +1,4 @@
-"""The page for placing frusta: gizmos, controls, the corner's brush, and the pictures."""
+"""The page for placing frusta: gizmos, controls, pictures, and a brush for the picture in the page's corner."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Style:
     show: Show = "color"  # classes: of holes (`pyibr.PixelClass`); view: the source view of each pixel
     light: Light | None = None
     background: tuple[int, int, int] = (0, 0, 0)  # 0 to 255
-    parameters: tuple[tuple[str, Value], ...] = ()  # changed ones of the things, by name
+    parameters: tuple[tuple[str, Value], ...] = ()  # values to set in the things, by name
     samples: int = 1  # and anisotropy: as for `pyibr.render`
     anisotropy: int = 1
 

@@ -28,7 +28,7 @@ _NAMES = {
 }
 """Names of arrays in Depth Anything 3's and VGGT's files."""
 
-_ALIKE = 0.25  # difference of colours at equal depths in a map of depth, relative to their spread
+_ALIKE = 0.25  # fraction of the colours' spread: in a depth map, neighbours in order of depth differ by less
 _FOCAL = ("focallength_px", "focal_length", "focallength")
 _PLACES = ("", "exports/npz", "exports/mini_npz")
 
