@@ -46,8 +46,8 @@ def background_layer(view: DepthImage, cameras: Camera | Sequence[Camera], *, fi
     Returns
     -------
     DepthImage
-        The layer, with the view's pose and resolution, without a lens and with a margin; `guessed` is True. Samples
-        that the cameras do not need have no depth.
+        The layer, with the view's pose and resolution, without a lens and with a border around it; `guessed` is True.
+        Samples that the cameras do not need have no depth.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def background_layer(view: DepthImage, cameras: Camera | Sequence[Camera], *, fi
 
 
 def _canvas(camera: Camera, path: Sequence[Camera], ends: tuple[float, float]) -> Camera:
-    """The view's camera with a margin that holds what the path's cameras see, within limits."""
+    """The view's camera, widened within limits to hold what the path's cameras see."""
     size = np.array(camera.size)
     pixels = [np.zeros((1, 2)), size[None] - 1.0]
     for one in path:
