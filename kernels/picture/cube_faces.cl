@@ -9,7 +9,7 @@
  * the face, NaN if the pixel's ray hits another face; and the depth in the lens's frame, divided by that in the face's
  * frame. face_depth, face_color, face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid:
  * (height, width); pixels of other faces are emptied if this face is the `first`, else unchanged. With ORIGINS, CLASSES
- * or GUESSES, the origins, classes or guesses are copied, too; pixels without a ray get the class `unseen`. Work-item:
+ * or GUESSES, the origins, classes or guesses are copied, too; with ALPHA, opacities are read as colours are; pixels without a ray get the class `unseen`. Work-item:
  * STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are independent.
  */
 #include "lib/color.h"
@@ -24,6 +24,9 @@
 #endif
 #ifndef GUESSES
 #define GUESSES 0 /* 1: depths of guessed surface, `guesses`, are copied, too */
+#endif
+#ifndef ALPHA
+#define ALPHA 0 /* 1: opacities, `alpha`, are read, too */
 #endif
 
 typedef struct {
@@ -204,6 +207,25 @@ INLINED void copy_guesses(const Reading *read, Face face, int count, global cons
 }
 #endif
 
+#if ALPHA
+INLINED void read_alpha(const Reading *read, Face face, int count, int empties, global const float *face_alpha,
+                        global float *alpha)
+{
+    for (int lane = 0; lane < count; lane++) {
+        if (!int_lane(read->own, lane)) {
+            alpha[lane] = empties ? 0.0f : alpha[lane];
+            continue;
+        }
+        const int corner = int_lane(read->y, lane) * face.width + int_lane(read->x, lane);
+        const int whole = int_lane(read->whole, lane);
+        float sum = whole ? 0.0f : face_alpha[int_lane(read->nearest, lane)];
+        for (int i = 0; i < (whole ? 4 : 0); i++) /* four pixels around places that are not whole may not exist */
+            sum += float_lane(read->weights[i], lane) * face_alpha[corner + (i >> 1) * face.width + (i & 1)];
+        alpha[lane] = sum;
+    }
+}
+#endif
+
 kernel void join_faces(global const float *places, global const float *face_depth, global const channel *face_color,
                        global const uchar *face_valid, int face_width, int face_height, int width, int height,
                        int pitch, int first, int linear, int filled, global float *depth, global channel *color,
@@ -220,6 +242,10 @@ kernel void join_faces(global const float *places, global const float *face_dept
 #if GUESSES
                        ,
                        global const float *face_guesses, global float *guesses
+#endif
+#if ALPHA
+                       ,
+                       global const float *face_alpha, global float *alpha
 #endif
 )
 {
@@ -243,6 +269,9 @@ kernel void join_faces(global const float *places, global const float *face_dept
 #endif
 #if GUESSES
         copy_guesses(&read, face, count, face_guesses, depth + at, guesses + at);
+#endif
+#if ALPHA
+        read_alpha(&read, face, count, first, face_alpha, alpha + at);
 #endif
     }
 }

@@ -1,7 +1,7 @@
 """PLY: a header that describes tables, then their rows as text or binary: vertices with attributes, and faces.
 
-A comment names the texture, as MeshLab and others write it; v runs up there. The points of a range grid lie in rows and
-columns, as in the scans of Stanford's repository.
+Files of 3D Gaussians hold vertices alone. A comment names the texture, as MeshLab and others write it; v runs up there.
+The points of a range grid lie in rows and columns, as in the scans of Stanford's repository.
 """
 
 from __future__ import annotations
@@ -121,12 +121,10 @@ class _Binary:
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     """Return the mesh in a file's bytes."""
-    elements, order, body, textures = _header(data)
-    source = _Binary(body, order) if order else _Text(body)
-    found = {element.name: (element, _columns(element, source)) for element in elements}
-    if source.left():
-        raise ValueError("more content than the header counts")
+    found, textures = _tables(data)
     element, vertex = found["vertex"]
+    if "f_dc_0" in vertex or "packed_position" in vertex:
+        raise ValueError("it holds 3D Gaussians, not a mesh; pyibr.Gaussians.load reads uncompressed ones")
     _, face = found["face"]
     counts, corners = face["vertex_indices"] if "vertex_indices" in face else face["vertex_index"]
     normals = np.column_stack([vertex[name] for name in ("nx", "ny", "nz")]) if "nx" in vertex else None
@@ -160,6 +158,32 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
         texture,
         lost,
     )
+
+
+def read_columns(data: bytes) -> dict[str, NDArray[Any]]:
+    """Return the columns of a file's vertices by name, without lists."""
+    found, _ = _tables(data)
+    if "vertex" not in found:
+        raise ValueError("no vertices in the header")
+    element, columns = found["vertex"]
+    return {item.name: columns[item.name] for item in element.properties if not item.counted}
+
+
+def column_bytes(names: list[str], rows: NDArray[np.float32]) -> bytes:
+    """Return a binary file of vertices with these properties, a column of `rows` each."""
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    header += [*(f"property float {name}" for name in names), "end_header", ""]
+    return "\n".join(header).encode("ascii") + np.ascontiguousarray(rows, "<f4").tobytes()
+
+
+def _tables(data: bytes) -> tuple[dict[str, tuple[_Element, dict[str, Any]]], list[str]]:
+    """A file's tables with their columns, by name, and the textures' names."""
+    elements, order, body, textures = _header(data)
+    source = _Binary(body, order) if order else _Text(body)
+    found = {element.name: (element, _columns(element, source)) for element in elements}
+    if source.left():
+        raise ValueError("more content than the header counts")
+    return found, textures
 
 
 def mesh_bytes(mesh: MeshArrays) -> bytes:

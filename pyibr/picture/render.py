@@ -16,7 +16,7 @@ from pyibr.images.frame import Frame
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import one_call
 from pyibr.picture.deferred import light_things
-from pyibr.picture.drawable import Drawable, Finishing, Guessing, as_drawable, color_dtype_of
+from pyibr.picture.drawable import Drawable, Finishing, Guessing, as_drawable, blend_things, color_dtype_of
 from pyibr.picture.light import Light
 from pyibr.picture.picture import PictureParts
 from pyibr.picture.shadow import lighting
@@ -40,9 +40,9 @@ def render(
     ----------
     things : thing or sequence of things
         `DepthImage` (drawn as a `WarpedView` with default options), `WarpedView`, `Mesh`, `SlicedSurface`,
-        `ReliefSurface`, `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, their subclasses, and any other
-        `Drawable`. Each thing has its own options. At equal depth, the first thing wins. Holes are filled after all
-        things are drawn.
+        `ReliefSurface`, `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, `Gaussians`, their subclasses, and
+        any other `Drawable`. Each thing has its own options. At equal depth, the first thing wins. Holes are filled
+        after all things are drawn. Gaussians are blended last, all together.
     camera : Camera
         Perspective or orthographic. With a lens, the picture is drawn without distortion and then resampled along the
         pixels' rays, with depth edges kept.
@@ -116,6 +116,7 @@ def render(
                 if hasattr(drawable, "finish"):
                     cast("Finishing", drawable).finish(target)
             target.hide_guesses()
+            blend_things(drawables, target, lit)
 
         drawn = parts.drawn(draw_all, dtype=dtype, anisotropy=readings)
         frame = drawn.frame()
@@ -143,9 +144,11 @@ def _put_over(frame: Frame, background: Float64, filled: bool) -> None:
     def stored(values: Float64) -> NDArray[Any]:
         return values.astype(dtype) if dtype == np.float32 else np.rint(values).clip(0, 255).astype(dtype)
 
-    color[np.isnan(frame.depth)] = stored(background)
-    if frame.alpha is not None and not filled:
-        partly = (frame.alpha > 0) & (frame.alpha < 1)
+    empty = np.isnan(frame.depth)
+    if frame.alpha is None:
+        color[empty] = stored(background)
+    else:
+        partly = empty if filled else frame.alpha < 1
         color[partly] = stored(color[partly] + (1 - frame.alpha[partly, None]) * background)
 
 

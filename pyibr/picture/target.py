@@ -91,7 +91,8 @@ class Target:
     Attributes
     ----------
     alpha : (H, W) float32 DeviceArray, or None
-        With several samples per pixel: the fraction of samples that show a surface.
+        The opacity, with several samples per pixel (the fraction of samples that show a surface) or with things that
+        are not opaque.
     guesses : (H, W) float32 DeviceArray, or None
         Depths at which guessed surface was drawn, or None if there is none. A pixel shows guessed surface only if this
         depth equals the picture's depth.

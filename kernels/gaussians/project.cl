@@ -1,0 +1,158 @@
+/* Projects Gaussians to splats (Zwicker et al. 2001, EWA splatting; Kerbl et al. 2023, section 4).
+ *
+ * The map from the world to pixels and nearness is linearised at each Gaussian's mean. Beyond 15 % outside of the
+ * picture it is linearised at that border, as in the program of Kerbl et al. The covariance on the screen is the sum of
+ * a_i a_i^T over the three projected axes a_i; `low_pass` is added to its diagonal. Determinants are sums of squares of
+ * cross products (Cauchy-Binet), which do not cancel. Deviation: a splat also has a plane, through the mean and, for
+ * each pixel, through the place on its ray where the Gaussian is densest. It is the regression of nearness on pixels
+ * under the Gaussian; for a flat Gaussian it is the Gaussian's own plane.
+ *
+ * shapes: SHAPE planes of `pitch` floats: mean (3, in the world), scales (3), rotation (4, a unit quaternion w x y z)
+ * and log2 of the opacity. coefficients: 3 planes for each harmonic (harmonics.h). `screen` maps points relative to
+ * `origin`, the camera's centre. Outputs, from element `first` on: records: Gaussians2D. boxes: (count, 4) first and last
+ * bin in x, first and last in y; first > last if invisible. keys: the bits of the mean's depth, which sort as the depth
+ * does, or INVISIBLE. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians). Determinism: Gaussians are
+ * independent.
+ */
+#include "gaussians/harmonics.h"
+#include "gaussians/splat.h"
+#include "lib/screen.h"
+
+#define SHAPE 11
+#define BEYOND 0.15f        /* part of the picture's size, outside of which the map is not linearised */
+#define SHARP 0.01f         /* pixel^2, added to the covariance for the plane: splats seen edge-on have one, too */
+#define HALF_LOG2_E 0.72134752f
+#define SIGMAS 3.5f         /* the plane is used up to so many standard deviations of the depth */
+
+/* A projected axis of LANES Gaussians, times its scale: the change of u, v and nearness */
+typedef struct {
+    floatl u, v, n;
+} ProjectedAxis;
+
+INLINED ProjectedAxis projected_axis(Vector to_u, Vector to_v, Vector to_n, Vector axis, floatl scale)
+{
+    const ProjectedAxis made = {scale * DOT(to_u, axis), scale * DOT(to_v, axis), scale * DOT(to_n, axis)};
+    return made;
+}
+
+/* The gradient of row `row` of the map m over row 2, at a point where this quotient is `value` and row 2 is 1 /
+ * `inverse` */
+INLINED Vector gradient(const float *m, int row, floatl value, floatl inverse)
+{
+    const Vector made = {(m[4 * row] - value * m[8]) * inverse, (m[4 * row + 1] - value * m[9]) * inverse,
+                         (m[4 * row + 2] - value * m[10]) * inverse};
+    return made;
+}
+
+/* Sets the splats' shape and plane, from their projected axes. Returns the determinant of the covariance on the screen;
+ * reach_x: half the splats' width in pixels. */
+INLINED floatl set_shape(Gaussians2D *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, float low_pass,
+                         floatl *reach_x)
+{
+    const floatl uu = a.u * a.u + b.u * b.u + c.u * c.u, vv = a.v * a.v + b.v * b.v + c.v * c.v;
+    const floatl uv = a.u * a.v + b.u * b.v + c.u * c.v;
+    const floatl un = a.u * a.n + b.u * b.n + c.u * c.n, vn = a.v * a.n + b.v * b.n + c.v * c.n;
+    const floatl ab = a.u * b.v - b.u * a.v, bc = b.u * c.v - c.u * b.v, ca = c.u * a.v - a.u * c.v;
+    const floatl area = ab * ab + bc * bc + ca * ca;
+    const floatl determinant = area + low_pass * (uu + vv) + low_pass * low_pass;
+    const floatl inverse = 1.0f / (area + SHARP * (uu + vv) + SHARP * SHARP);
+    splats->nearness_x = (ab * (a.n * b.v - b.n * a.v) + bc * (b.n * c.v - c.n * b.v) + ca * (c.n * a.v - a.n * c.v) +
+                          SHARP * un) * inverse;
+    splats->nearness_y = (ab * (a.u * b.n - b.u * a.n) + bc * (b.u * c.n - c.u * b.n) + ca * (c.u * a.n - a.u * c.n) +
+                          SHARP * vn) * inverse;
+    const floatl wide = uu + low_pass, high = vv + low_pass;
+    splats->across = HALF_LOG2_E / wide;
+    splats->along = sqrt(HALF_LOG2_E * wide / determinant);
+    splats->lean = splats->along * uv / wide;
+    const floatl least = max_lanes(splats->strength - LEAST_OPACITY_LOG2, (floatl)0.0f) * (1.0f / HALF_LOG2_E);
+    splats->reach = sqrt(least * high) * 1.0001f;
+    *reach_x = sqrt(least * wide) * 1.0001f;
+    return determinant;
+}
+
+/* The depth's standard deviation bounds the part of the plane that is used. */
+INLINED void bound_plane(Gaussians2D *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, floatl z, float near_z,
+                         int perspective)
+{
+    const floatl deviation = sqrt(a.n * a.n + b.n * b.n + c.n * c.n);
+    const floatl deep = SIGMAS * (perspective ? deviation * z * z : deviation);
+    const floatl far_end = z + deep, near_end = max_lanes(z - deep, (floatl)near_z);
+    splats->least = DEPTH_OF(perspective, far_end);
+    splats->most = DEPTH_OF(perspective, near_end);
+}
+
+/* Writes the bins and sort keys of LANES Gaussians. */
+INLINED void store_places(const Gaussians2D *splats, intl drawn, floatl reach_x, floatl z, Screen screen,
+                          global short *boxes, global uint *keys)
+{
+    const float right = screen.width - 1.0f, bottom = screen.height - 1.0f, per_bin = 1.0f / BIN;
+    const floatl x0 = ceil_lanes(clamp_lanes(splats->u - reach_x, (floatl)0.0f, (floatl)(right + 1.0f)));
+    const floatl y0 = ceil_lanes(clamp_lanes(splats->v - splats->reach, (floatl)0.0f, (floatl)(bottom + 1.0f)));
+    const floatl x1 = floor_lanes(clamp_lanes(splats->u + reach_x, (floatl)-1.0f, (floatl)right));
+    const floatl y1 = floor_lanes(clamp_lanes(splats->v + splats->reach, (floatl)-1.0f, (floatl)bottom));
+    const intl seen = drawn & (x0 <= x1) & (y0 <= y1);
+    const intl low_x = select_lanes(seen, to_intl(x0 * per_bin), (intl)1),
+               high_x = select_lanes(seen, to_intl(x1 * per_bin), (intl)0),
+               low_y = select_lanes(seen, to_intl(y0 * per_bin), (intl)1),
+               high_y = select_lanes(seen, to_intl(y1 * per_bin), (intl)0);
+    for (int lane = 0; lane < LANES; lane++)
+        vstore4((short4)(int_lane(low_x, lane), int_lane(high_x, lane), int_lane(low_y, lane), int_lane(high_y, lane)),
+                lane, boxes);
+    store_lanes(as_uintl(select_lanes(seen, as_intl(z), (intl)INVISIBLE)), keys);
+}
+
+INLINED void project_packet(global const float *shapes, global const float *coefficients, int pitch, int degree,
+                            Vector origin, float low_pass, float near_z, Screen screen, global float *records,
+                            global short *boxes, global uint *keys)
+{
+#define SHAPE_PLANE(k) load_lanes(shapes + (size_t)(k) * pitch)
+    const Vector place = {SHAPE_PLANE(0), SHAPE_PLANE(1), SHAPE_PLANE(2)}, p = minus(place, origin);
+    const float *m = screen.from_world;
+    const floatl inverse = 1.0f / POINT_ROW(m, 2, p);
+    Gaussians2D splats;
+    splats.u = POINT_ROW(m, 0, p) * inverse;
+    splats.v = POINT_ROW(m, 1, p) * inverse;
+    splats.nearness = POINT_ROW(m, 3, p) * inverse;
+    splats.strength = SHAPE_PLANE(10);
+    const floatl z = screen.perspective ? POINT_ROW(m, 2, p) : -splats.nearness;
+    const floatl w = SHAPE_PLANE(6), x = SHAPE_PLANE(7), y = SHAPE_PLANE(8), q = SHAPE_PLANE(9);
+    const Vector first = {1.0f - 2.0f * (y * y + q * q), 2.0f * (x * y + w * q), 2.0f * (x * q - w * y)};
+    const Vector second = {2.0f * (x * y - w * q), 1.0f - 2.0f * (x * x + q * q), 2.0f * (y * q + w * x)};
+    const Vector third = {2.0f * (x * q + w * y), 2.0f * (y * q - w * x), 1.0f - 2.0f * (x * x + y * y)};
+    const float beyond_x = BEYOND * screen.width + 0.5f, beyond_y = BEYOND * screen.height + 0.5f;
+    const floatl u = clamp_lanes(splats.u, (floatl)-beyond_x, (floatl)(screen.width - 1.0f + beyond_x));
+    const floatl v = clamp_lanes(splats.v, (floatl)-beyond_y, (floatl)(screen.height - 1.0f + beyond_y));
+    const Vector to_u = gradient(m, 0, u, inverse), to_v = gradient(m, 1, v, inverse);
+    const Vector to_n = gradient(m, 3, splats.nearness, inverse);
+    const ProjectedAxis a = projected_axis(to_u, to_v, to_n, first, SHAPE_PLANE(3));
+    const ProjectedAxis b = projected_axis(to_u, to_v, to_n, second, SHAPE_PLANE(4));
+    const ProjectedAxis c = projected_axis(to_u, to_v, to_n, third, SHAPE_PLANE(5));
+#undef SHAPE_PLANE
+    floatl reach_x;
+    const floatl determinant = set_shape(&splats, a, b, c, low_pass, &reach_x);
+    bound_plane(&splats, a, b, c, z, near_z, screen.perspective);
+    const intl drawn = (z > near_z) & (z < FARTHEST_DEPTH) & (splats.strength > LEAST_OPACITY_LOG2) &
+                       (determinant > 0.0f) & (determinant < INFINITY) & isfinite_lanes(splats.along * splats.lean) &
+                       isfinite_lanes(splats.nearness_x) & isfinite_lanes(splats.nearness_y);
+    store_places(&splats, drawn, reach_x, z, screen, boxes, keys);
+    if (!any_lane(drawn))
+        return;
+    const Color color = harmonic_colors(coefficients, pitch, degree, view_direction(screen, p));
+    splats.r = color.r;
+    splats.g = color.g;
+    splats.b = color.b;
+    store_splats(splats, records);
+}
+
+kernel void project_gaussians(global const float *shapes, global const float *coefficients, int pitch, int degree,
+                              float origin_x, float origin_y, float origin_z, float low_pass, float near_z,
+                              Screen screen, int first, global float *records, global short *boxes, global uint *keys)
+{
+    const int from = get_global_id(0) * STRIP * LANES;
+    const Vector origin = {origin_x, origin_y, origin_z};
+    for (int i = from; i < min(from + STRIP * LANES, pitch); i += LANES) {
+        const size_t to = (size_t)first + i;
+        project_packet(shapes + i, coefficients + i, pitch, degree, origin, low_pass, near_z, screen,
+                       records + RECORD * to, boxes + 4 * to, keys + to);
+    }
+}

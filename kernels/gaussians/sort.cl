@@ -1,0 +1,65 @@
+/* Sorts Gaussians by depth: a radix sort, one pass for each digit of the keys, the lowest digit first.
+ *
+ * Elements are divided into `chunks` equal parts. `count_digits` counts the digits in each chunk; raster/bins.cl then
+ * replaces each count by the place where the chunk's elements of this digit begin, and `move_by_digit` moves them
+ * there. Each pass keeps the order of equal digits, so equal depths stay in the order of the input. The first pass
+ * (`shift` 0) leaves invisible elements out. Last, `order_boxes` brings the boxes in the order of depth, for the lists
+ * of bins.
+ *
+ * keys, places: (count,) the elements to sort; in the first pass, elements are numbered and `places` is not read.
+ * visible: (DIGITS + 1,) the first pass's start of each digit, whose last value is the number of visible elements.
+ * counts: (chunks, DIGITS). moved_keys, moved_places: (count,) the elements, sorted by one more digit. boxes:
+ * project.cl. ordered: (count, 4) boxes in the order of depth, empty ones at the end. Work-item: a chunk, or `share`
+ * boxes. Cost: O(count + chunks * DIGITS). Determinism: the sort is stable, and nothing is atomic.
+ */
+#include "gaussians/splat.h"
+
+#define DIGITS 256
+#define DIGIT(key, shift) (((key) >> (shift)) & (DIGITS - 1))
+
+/* The first element of a chunk; that of the next chunk is where this chunk ends. */
+int chunk_start(int chunk, int chunks, int elements)
+{
+    return (int)((long)elements * chunk / chunks);
+}
+
+kernel void count_digits(global const uint *keys, global const int *visible, int count, int shift, int chunks,
+                         global int *counts)
+{
+    const int c = get_global_id(0);
+    if (c >= chunks)
+        return;
+    const int elements = shift ? visible[DIGITS] : count, last = chunk_start(c + 1, chunks, elements);
+    global int *mine = counts + (size_t)c * DIGITS;
+    for (int digit = 0; digit < DIGITS; digit++)
+        mine[digit] = 0;
+    for (int i = chunk_start(c, chunks, elements); i < last; i++)
+        if (keys[i] != INVISIBLE)
+            mine[DIGIT(keys[i], shift)]++;
+}
+
+kernel void move_by_digit(global const uint *keys, global const int *places, global const int *visible, int count,
+                          int shift, int chunks, global int *counts, global uint *moved_keys,
+                          global int *moved_places)
+{
+    const int c = get_global_id(0);
+    if (c >= chunks)
+        return;
+    const int elements = shift ? visible[DIGITS] : count, last = chunk_start(c + 1, chunks, elements);
+    global int *mine = counts + (size_t)c * DIGITS;
+    for (int i = chunk_start(c, chunks, elements); i < last; i++) {
+        if (keys[i] == INVISIBLE)
+            continue;
+        const int to = mine[DIGIT(keys[i], shift)]++;
+        moved_keys[to] = keys[i];
+        moved_places[to] = shift ? places[i] : i;
+    }
+}
+
+kernel void order_boxes(global const short *boxes, global const int *places, global const int *visible, int count,
+                        int share, global short *ordered)
+{
+    const int first = get_global_id(0) * share, last = min(first + share, count), shown = visible[DIGITS];
+    for (int i = first; i < last; i++)
+        vstore4(i < shown ? vload4(places[i], boxes) : (short4)(1, 0, 1, 0), i, ordered);
+}

@@ -1,0 +1,259 @@
+"""Clouds of 3D Gaussians, from arrays and files."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from functools import cached_property
+from os import PathLike
+from typing import Any, TypeGuard
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyibr.core.checks import Immutable, checked_colors, describe, fits, locked, number_from, numbers
+from pyibr.core.errors import ArgumentError
+from pyibr.gaussians.drawing import Planes, blend_clouds, planes_of
+from pyibr.gaussians.files import GaussianArrays, read_gaussians, write_gaussians
+from pyibr.opencl.device_cache import cached_on_device
+from pyibr.picture.shadow import Lighting
+from pyibr.picture.target import Target
+
+Float32 = NDArray[np.float32]
+
+_SH0 = 0.28209479177387814  # the harmonic of degree 0
+_HARMONICS = (1, 4, 9, 16)
+_LARGEST = 1e9  # scene units: products of a few lengths still fit into single precision
+_SIGMAS = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
+
+
+class Gaussians(Immutable):
+    """A cloud of 3D Gaussians, with the conventions of 3D Gaussian Splatting (Kerbl et al. 2023).
+
+    `pyibr.render` blends all Gaussians of a picture together, sorted by the depth of their means, in front of the
+    opaque things. The picture does not depend on the order of the Gaussians or of the clouds. `Frame.alpha` is the
+    picture's opacity. The depth is that of the Gaussian at which the transmittance falls to one half, on its plane;
+    pixels with more transmittance and nothing opaque behind are not valid. Gaussians neither cast nor receive shadows.
+
+    Parameters
+    ----------
+    means : array_like (N, 3)
+        Centres in the world, in scene units. Kept as float32.
+    scales : array_like (N, 3)
+        Standard deviations along the Gaussian's own axes, in scene units, at least 0. A scale of 0 makes it flat.
+    rotations : array_like (N, 4)
+        Quaternions (w, x, y, z) from the Gaussian's axes to the world's; of any length but 0.
+    opacities : array_like (N,)
+        Opacities at the centre, 0 to 1. Drawn opacities are at most 0.99, and those below 1/255 count as 0.
+    colors : (N, 3) uint8, or float32 in [0, 1], optional
+        Colours that do not depend on the direction. Give either these or `sh`.
+    sh : array_like (N, K, 3), optional
+        Coefficients of spherical harmonics, K = 1, 4, 9 or 16 for degrees 0 to 3, in the order and with the signs of 3D
+        Gaussian Splatting. The colour is 0.5 plus their sum for the direction from the camera, at least 0.
+    low_pass : float
+        Variance in pixels^2 that is added to each Gaussian on the screen, so that none is missed between pixels. 0
+        draws them as they are.
+    near : float
+        Least depth of a mean, in scene units; nearer Gaussians are not drawn.
+
+    Attributes
+    ----------
+    means, scales, rotations, opacities, sh
+        float32 arrays, read-only; quaternions at unit length, and colours as harmonics of degree 0.
+
+    Raises
+    ------
+    ArgumentError
+        If the arrays do not fit together, hold values that are not finite or out of range, or are empty.
+
+    Examples
+    --------
+    >>> import pyibr as ibr
+    >>> cloud = ibr.Gaussians([[0, 0, 3]], [[1, 1, 0.1]], [[1, 0, 0, 0]], [0.9], colors=[[1.0, 0.0, 0.0]])
+    >>> frame = ibr.render(cloud, ibr.Camera([[20, 0, 5], [0, 20, 5], [0, 0, 1]], (11, 11)))
+    >>> round(float(frame.alpha[5, 5]), 2), float(frame.depth[5, 5])
+    (0.9, 3.0)
+    """
+
+    def __init__(
+        self,
+        means: ArrayLike,
+        scales: ArrayLike,
+        rotations: ArrayLike,
+        opacities: ArrayLike,
+        colors: ArrayLike | None = None,
+        sh: ArrayLike | None = None,
+        *,
+        low_pass: float = 0.3,
+        near: float = 0.2,
+    ) -> None:
+        self.means = _checked("means", means, (None, 3), -_LARGEST)
+        count = len(self.means)
+        if not count:
+            raise ArgumentError("means", "at least one Gaussian", "an empty array")
+        self.scales = _checked("scales", scales, (count, 3), 0.0)
+        turned = numbers("rotations", rotations, (count, 4))
+        turned /= np.maximum(np.abs(turned).max(axis=1, keepdims=True), 1e-300)  # avoids overflow of the squares
+        length = np.linalg.norm(turned, axis=1, keepdims=True)
+        if not (length > 0).all():
+            zeros = np.count_nonzero(length == 0)
+            raise ArgumentError("rotations", "quaternions (w, x, y, z) of a length > 0", f"{zeros} of length 0")
+        self.rotations = locked((turned / length).astype(np.float32))
+        self.opacities = _checked("opacities", opacities, (count,), 0.0, 1.0)
+        if (colors is None) == (sh is None):
+            raise ArgumentError("colors", "either `colors` or `sh`", "neither" if sh is None else "both")
+        self.sh = _harmonics_of(colors, count) if sh is None else _checked_harmonics(sh, count)
+        self.low_pass = number_from("low_pass", low_pass, 0, 1e6, "a variance in pixels^2, from 0 to 1e6")
+        self.near = number_from("near", near, 1e-6, 1e9, "a depth in scene units, from 1e-6 to 1e9")
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    def __repr__(self) -> str:
+        return f"<Gaussians {len(self)}, degree {_HARMONICS.index(self.sh.shape[1])}>"
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], **options: Any) -> Gaussians:
+        """Read a PLY file of 3D Gaussian Splatting, also packed by gzip (``.ply.gz``).
+
+        Gaussians with values that are not finite, or a quaternion of length 0, are left out, with a UserWarning.
+        Infinite logits of opacity mean 1 and 0.
+
+        Parameters
+        ----------
+        path : path
+        **options
+            `low_pass` and `near`, as in the constructor.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is not readable, or holds no Gaussians.
+
+        Examples
+        --------
+        >>> import pyibr as ibr
+        >>> cloud = ibr.Gaussians([[0, 0, 3]], [[1, 1, 0.5]], [[1, 0, 0, 0]], [0.5], colors=[[1.0, 0.0, 0.0]])
+        >>> cloud.save("cloud.ply")
+        >>> ibr.Gaussians.load("cloud.ply")
+        <Gaussians 1, degree 0>
+        """
+        found = read_gaussians(path)
+        return cls(found.means, found.scales, found.rotations, found.opacities, sh=found.sh, **options)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a PLY file of 3D Gaussian Splatting, or leave the old file. A missing folder is made.
+
+        Raises
+        ------
+        ArgumentError
+            If the suffix is not .ply.
+        FileFormatError
+            If the file cannot be written.
+        """
+        write_gaussians(path, GaussianArrays(self.means, self.scales, self.rotations, self.opacities, self.sh))
+
+    @cached_property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(low, high), each (3,), in the world: a box around the visible part of every Gaussian."""
+        reach = _SIGMAS * self.scales.max(axis=1, keepdims=True).astype(np.float64)
+        return (self.means - reach).min(axis=0), (self.means + reach).max(axis=0)
+
+    def draw(self, target: Target, lighting: Lighting | None) -> None:
+        """Draw nothing: Gaussians are not opaque, and are blended after all opaque things."""
+
+    @staticmethod
+    def blend(things: Sequence[Gaussians], target: Target, lighting: Lighting | None) -> None:
+        """Blend clouds together into a target."""
+        # The order of the clouds decides where depths are equal, so it must not depend on the caller's order.
+        clouds = things if len(things) == 1 else sorted(things, key=lambda one: one._digest)
+        blend_clouds([cached_on_device(cloud, "planes", cloud._planes) for cloud in clouds], target)
+
+    def _planes(self) -> Planes:
+        """Upload the cloud to the current device, in an order that depends only on its Gaussians."""
+        order = self._order
+        arrays = (self.means, self.scales, self.rotations, self.opacities, self.sh)
+        made = planes_of(*(array[order] for array in arrays))
+        degree = _HARMONICS.index(self.sh.shape[1])
+        return Planes(*made, self.bounds, degree, self.low_pass, self.near)
+
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        """Order of the Gaussians on the device: along a Morton curve, ties by all numbers.
+
+        Neighbours in space are neighbours in memory.
+        """
+        low, high = self.means.min(axis=0).astype(np.float64), self.means.max(axis=0).astype(np.float64)
+        cells = (self.means - low) * (0x1FFFFF / np.maximum(high - low, 1e-30).max())
+        codes = np.zeros(len(self), np.uint64)
+        for axis in range(3):
+            codes |= _spread(cells[:, axis].astype(np.uint64)) << np.uint64(axis)
+        order = np.argsort(codes, kind="stable")
+        equal = codes[order][1:] == codes[order][:-1]
+        if equal.any():
+            tied = np.zeros(len(order), np.bool_)
+            tied[1:] |= equal
+            tied[:-1] |= equal
+            chosen = order[tied]
+            keys = [*self._rows_of(chosen).T[::-1], codes[chosen]]
+            order[tied] = chosen[np.lexsort(keys)]
+        return order
+
+    def _rows_of(self, chosen: NDArray[np.int64]) -> NDArray[np.float32]:
+        """All numbers of some Gaussians, a row each."""
+        arrays = (self.means, self.scales, self.rotations, self.opacities[:, None], self.sh.reshape(len(self), -1))
+        return np.concatenate([array[chosen] for array in arrays], axis=1)
+
+    @cached_property
+    def _digest(self) -> bytes:
+        """Digest of the Gaussians, whatever their order, and of the options."""
+        made = hashlib.blake2b(np.array([self.low_pass, self.near]).tobytes())
+        for array in (self.means, self.scales, self.rotations, self.opacities, self.sh):
+            made.update(np.ascontiguousarray(array[self._order]))
+        return made.digest()
+
+
+def _spread(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Insert two zero bits after each of the 21 low bits."""
+    spread = cells & np.uint64(0x1FFFFF)
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        spread = (spread | (spread << np.uint64(shift))) & np.uint64(mask)
+    return spread
+
+
+def _checked(
+    argument: str, value: ArrayLike, shape: tuple[int | None, ...], least: float, most: float = _LARGEST
+) -> Float32:
+    """Return finite numbers of a shape, from `least` to `most`, as float32, or raise ArgumentError."""
+    array: NDArray[Any] = value if _is_float32(value, shape) else numbers(argument, value, shape)
+    if array.size:
+        low, high = float(array.min()), float(array.max())
+        if not (low >= least and high <= most):  # also NaN
+            if not np.isfinite([low, high]).all():
+                numbers(argument, array, shape)  # raises the usual error
+            raise ArgumentError(argument, f"numbers from {least:g} to {most:g}", f"{low:g} to {high:g}")
+    return locked(array.astype(np.float32, copy=False))
+
+
+def _is_float32(value: ArrayLike, shape: tuple[int | None, ...]) -> TypeGuard[Float32]:
+    """Tell whether a value need not be converted, which would take three times its memory."""
+    return type(value) is np.ndarray and value.dtype == np.float32 and fits(value, shape)
+
+
+def _harmonics_of(colors: ArrayLike | None, count: int) -> Float32:
+    stored = checked_colors("colors", np.float32(colors) if isinstance(colors, (list, tuple)) else colors, (count, 3))
+    shown = stored / np.float64(255) if stored.dtype == np.uint8 else stored.astype(np.float64)
+    return locked(((shown - 0.5) / _SH0).astype(np.float32)[:, None])
+
+
+def _checked_harmonics(sh: ArrayLike, count: int) -> Float32:
+    array = _checked("sh", sh, (count, None, 3), -_LARGEST)
+    if array.shape[1] not in _HARMONICS:
+        raise ArgumentError("sh", "1, 4, 9 or 16 coefficients, (N, K, 3)", describe(array))
+    return array
