@@ -68,7 +68,9 @@ def write_gaussians(path: str | PathLike[str], arrays: GaussianArrays) -> None:
     columns = (arrays.means, np.zeros((count, 3)), arrays.sh[:, 0], rest, logits[:, None], scales, arrays.rotations)
     rest_names = [f"f_rest_{number}" for number in range(3 * (harmonics - 1))]
     names = [*_MEANS, *_NORMALS, *_DIRECT, *rest_names, "opacity", *_SCALES, *_ROTATIONS]
-    write_atomically(file, ply.column_bytes(names, np.concatenate(columns, axis=1, dtype=np.float32, casting="same_kind")))
+    write_atomically(
+        file, ply.column_bytes(names, np.concatenate(columns, axis=1, dtype=np.float32, casting="same_kind"))
+    )
 
 
 def _suffix(file: Path) -> str:

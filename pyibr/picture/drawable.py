@@ -21,9 +21,9 @@ class Drawable(Protocol):
 
     `pyibr.render` draws any object with these two members together with other things, and the things cast shadows on
     each other. A class of your own needs no base class and no registration. It may have more members:
-    `Guessing.guess`, `Finishing.finish`, `Blending.blend`, and `color_dtype`, the dtype of its colours; if that is float32, so is the
-    picture. Objects manage their own data on the device; `pyibr.opencl.device_cache.cached_on_device` creates it once
-    per device.
+    `Guessing.guess`, `Finishing.finish`, `Blending.blend`, and `color_dtype`, the dtype of its colours; if that is
+    float32, so is the picture. Objects manage their own data on the device;
+    `pyibr.opencl.device_cache.cached_on_device` creates it once per device.
 
     Examples
     --------

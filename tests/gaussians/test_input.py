@@ -140,6 +140,6 @@ def test_other_names_are_refused(tmp_path: Path):
 
 
 def test_a_compressed_file_says_so():
-    file = shared("data/gaussians/biker.compressed.ply")
+    file = shared("gaussians/biker.compressed.ply")
     with pytest.raises(ibr.FileFormatError, match="compressed"):
         ibr.Gaussians.load(file)

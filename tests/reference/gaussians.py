@@ -84,7 +84,7 @@ def blended(
     perspective = camera.projection == "perspective"
     limit = np.where(np.isnan(depth), -np.inf, 1 / depth if perspective else -depth)
     left, color, median = np.ones(shape), np.zeros((*shape, 3)), np.full(shape, np.nan)
-    for one in sorted(sum((projected(cloud, camera) for cloud in clouds), [])):
+    for one in sorted(one for cloud in clouds for one in projected(cloud, camera)):
         _, u, v, uu, uv, vv, opacity, nearness, gx, gy, least, most, *own = one
         reach = 2 * np.log(255 * opacity)
         rx, ry = np.sqrt(reach * uu), np.sqrt(reach * vv)
