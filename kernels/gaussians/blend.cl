@@ -3,15 +3,15 @@
  *
  * Each pixel goes through the list of its bin. A splat's opacity there is at most OPACITY_MAX; below 1/255 it counts as
  * 0, as in the program of Kerbl et al. A splat is drawn if its plane is nearer than the picture's surface at the pixel.
- * A pixel is done when its transmittance is at most TRANSMITTANCE_MIN. The rest of the light comes from the picture's own colour.
- * Where the transmittance falls to one half, the depth becomes that of this splat's plane on the pixel's ray, and
- * `valid` 1.
+ * A pixel is done when its transmittance is at most TRANSMITTANCE_MIN. The rest of the light comes from the picture's
+ * own colour. Where the transmittance falls to one half, the depth becomes that of this splat's plane on the pixel's
+ * ray, and `valid` 1.
  *
  * list, starts: the bins' splats in the order of depth (raster/bins.cl), as indices into `places`. places: indices of
- * records. records: Gaussians2D. depth, color, valid: the picture. alpha: (height, width) the picture's opacity; if `fresh`,
- * it is first set to 1 where the picture is valid, else to 0. Work-item: a bin on a CPU, whose rows are one packet
- * each; a pixel on a GPU. Cost: O(list * rows) on a CPU, O(pixels * list) on a GPU, less where pixels close early.
- * Determinism: each pixel's order is that of the list.
+ * records. records: Gaussians2D. depth, color, valid: the picture. alpha: (height, width) the picture's opacity; if
+ * `fresh`, it is first set to 1 where the picture is valid, else to 0. Work-item: a bin on a CPU, whose rows are one
+ * packet each; a pixel on a GPU. Cost: O(list * rows) on a CPU, O(pixels * list) on a GPU, less where pixels close
+ * early. Determinism: each pixel's order is that of the list.
  */
 #include "gaussians/splat.h"
 #include "lib/color.h"
@@ -21,8 +21,10 @@
 #define TRANSMITTANCE_MIN 1e-4f
 #if LANES == 16
 #define BIN_ROWS BIN /* rows of pixels that a work-item draws; BIN is LANES */
+#define ROW_INDEX(row) (row)
 #else
 #define BIN_ROWS 1
+#define ROW_INDEX(row) 0
 #endif
 
 /* The pixels of a work-item: LANES columns, from (x, y) on. On a GPU each array has one element, and is a register. */
@@ -63,22 +65,23 @@ INLINED void blend_splat(BlendedPixels *pixels, global const Gaussian2D *splat)
     for (int row = first; row <= last; row++) {
         if (!((pixels->open >> row) & 1))
             continue;
+        const int k = ROW_INDEX(row);
         const float dy = pixels->y + row - v;
-        const floatl t = along * dy - lean, strength = base - t * t, before = pixels->transmittance[row];
+        const floatl t = along * dy - lean, strength = base - t * t, before = pixels->transmittance[k];
         intl drawn = (strength > LEAST_OPACITY_LOG2) & (before > TRANSMITTANCE_MIN);
         if (pixels->bounded)
-            drawn = drawn & (clamp_lanes(plane + nearness_y * dy, (floatl)least, (floatl)most) > pixels->surface[row]);
+            drawn = drawn & (clamp_lanes(plane + nearness_y * dy, (floatl)least, (floatl)most) > pixels->surface[k]);
         if (!any_lane(drawn))
             continue;
         const floatl opacity = min_lanes(power_of_two(max_lanes(strength, (floatl)-10.0f)), (floatl)OPACITY_MAX);
         const floatl weight = select_lanes(drawn, opacity, (floatl)0.0f) * before, after = before - weight;
         const Color color = {splat->r, splat->g, splat->b};
-        add_color(&pixels->sum[row], weight, color);
-        pixels->transmittance[row] = after;
+        add_color(&pixels->sum[k], weight, color);
+        pixels->transmittance[k] = after;
         const intl halved = (before > 0.5f) & (after <= 0.5f);
         if (any_lane(halved))
-            pixels->median[row] = select_lanes(
-                halved, clamp_lanes(plane + nearness_y * dy, (floatl)least, (floatl)most), pixels->median[row]);
+            pixels->median[k] = select_lanes(
+                halved, clamp_lanes(plane + nearness_y * dy, (floatl)least, (floatl)most), pixels->median[k]);
         if (!any_lane(after > TRANSMITTANCE_MIN))
             pixels->open &= ~(1u << row);
     }
@@ -94,21 +97,21 @@ INLINED void begin_pixels(BlendedPixels *pixels, Screen screen, global const flo
         const Color none = {0.0f, 0.0f, 0.0f};
         const floatl z = load_first(depth + (size_t)(pixels->y + row) * screen.width + pixels->x, count, NAN);
         const intl drawn = z == z;
-        pixels->surface[row] = select_lanes(drawn, DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
+        pixels->surface[ROW_INDEX(row)] = select_lanes(drawn, DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
         pixels->bounded |= any_lane(drawn);
-        pixels->transmittance[row] = select_lanes((intl)lane_index < count, (floatl)1.0f, (floatl)0.0f);
-        pixels->sum[row] = none;
-        pixels->median[row] = EMPTY;
+        pixels->transmittance[ROW_INDEX(row)] = select_lanes((intl)lane_index < count, (floatl)1.0f, (floatl)0.0f);
+        pixels->sum[ROW_INDEX(row)] = none;
+        pixels->median[ROW_INDEX(row)] = EMPTY;
     }
 }
 
-INLINED void end_pixels(const BlendedPixels *pixels, Screen screen, int fresh, global float *depth, global channel *color,
-                        global uchar *valid, global float *alpha)
+INLINED void end_pixels(const BlendedPixels *pixels, Screen screen, int fresh, global float *depth,
+                        global channel *color, global uchar *valid, global float *alpha)
 {
     const int count = min(screen.width - pixels->x, LANES);
     for (int row = 0; row < pixels->rows; row++) {
         const size_t at = (size_t)(pixels->y + row) * screen.width + pixels->x;
-        const floatl rest = pixels->transmittance[row], median = pixels->median[row];
+        const floatl rest = pixels->transmittance[ROW_INDEX(row)], median = pixels->median[ROW_INDEX(row)];
         const intl was_valid = load_first_bytes(valid + at, count, 0);
         floatl opacity = select_lanes(was_valid != 0, (floatl)1.0f, (floatl)0.0f);
         if (!fresh)
@@ -117,7 +120,7 @@ INLINED void end_pixels(const BlendedPixels *pixels, Screen screen, int fresh, g
         if (!any_lane((rest < 1.0f) & ((intl)lane_index < count)))
             continue;
         const intl index = min((intl)lane_index, (intl)(count - 1)) + (int)at;
-        const Color old = read_color(color, index, screen.width * screen.height), sum = pixels->sum[row];
+        const Color old = read_color(color, index, screen.width * screen.height), sum = pixels->sum[ROW_INDEX(row)];
         const floatl top = 1.0f;
         const Color made = {min_lanes(sum.r + rest * old.r * (1.0f / CHANNEL_MAX), top) * CHANNEL_MAX,
                             min_lanes(sum.g + rest * old.g * (1.0f / CHANNEL_MAX), top) * CHANNEL_MAX,

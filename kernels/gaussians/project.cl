@@ -9,9 +9,9 @@
  *
  * shapes: SHAPE planes of `pitch` floats: mean (3, in the world), scales (3), rotation (4, a unit quaternion w x y z)
  * and log2 of the opacity. coefficients: 3 planes for each harmonic (harmonics.h). `screen` maps points relative to
- * `origin`, the camera's centre. Outputs, from element `first` on: records: Gaussians2D. boxes: (count, 4) first and last
- * bin in x, first and last in y; first > last if invisible. keys: the bits of the mean's depth, which sort as the depth
- * does, or INVISIBLE. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians). Determinism: Gaussians are
+ * `origin`, the camera's centre. Outputs, from element `first` on: records: Gaussians2D. boxes: (count, 4) first and
+ * last bin in x, first and last in y; first > last if invisible. keys: the bits of the mean's depth, which sort as the
+ * depth does, or INVISIBLE. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians). Determinism: Gaussians are
  * independent.
  */
 #include "gaussians/harmonics.h"

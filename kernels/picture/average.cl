@@ -7,9 +7,9 @@
  * without valid samples. sample_depth, sample_color, sample_valid: (side * height, side * width); in empty samples,
  * depth is NaN, and colour and valid are 0. depth, color: (height, width). valid: (height, width) 1 if any sample is
  * valid. alpha: (height, width) fraction of valid samples or, with ALPHA, the mean of the samples' opacities
- * sample_alpha. With GUESSES: sample_guesses: depths of guessed surface; a
- * sample shows it if this depth equals sample_depth. guesses: the depth of each pixel with such a sample, else NaN.
- * Work-item: STRIP * LANES pixels of a row. Cost: O(samples). Determinism: pixels are independent.
+ * sample_alpha. With GUESSES: sample_guesses: depths of guessed surface; a sample shows it if this depth equals
+ * sample_depth. guesses: the depth of each pixel with such a sample, else NaN. Work-item: STRIP * LANES pixels of a
+ * row. Cost: O(samples). Determinism: pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -127,7 +127,8 @@ INLINED void average_guesses(global const float *sample_depth, global const floa
 
 kernel void average(global const float *sample_depth, global const channel *sample_color,
                     global const uchar *sample_valid, int side, int width, int height, int perspective,
-                    global float *depth, global channel *color, global uchar *valid, global float *alpha SAMPLE_ALPHA_PARAMETER
+                    global float *depth, global channel *color, global uchar *valid,
+                    global float *alpha SAMPLE_ALPHA_PARAMETER
 #if GUESSES
                     ,
                     global const float *sample_guesses, global float *guesses

@@ -9,8 +9,9 @@
  * the face, NaN if the pixel's ray hits another face; and the depth in the lens's frame, divided by that in the face's
  * frame. face_depth, face_color, face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid:
  * (height, width); pixels of other faces are emptied if this face is the `first`, else unchanged. With ORIGINS, CLASSES
- * or GUESSES, the origins, classes or guesses are copied, too; with ALPHA, opacities are read as colours are; pixels without a ray get the class `unseen`. Work-item:
- * STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are independent.
+ * or GUESSES, the origins, classes or guesses are copied, too; pixels without a ray get the class `unseen`. With ALPHA,
+ * opacities are read as colours are. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are
+ * independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
