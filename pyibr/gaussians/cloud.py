@@ -11,7 +11,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Immutable, checked_colors, describe, fits, locked, number_from, numbers
+from pyibr.core.checks import Float64, Immutable, checked_colors, describe, fits, locked, number_from, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.gaussians.drawing import Planes, blend_clouds, planes_of
 from pyibr.gaussians.files import GaussianArrays, read_gaussians, write_gaussians
@@ -92,13 +92,7 @@ class Gaussians(Immutable):
         if not count:
             raise ArgumentError("means", "at least one Gaussian", "an empty array")
         self.scales = _checked("scales", scales, (count, 3), 0.0)
-        turned = numbers("rotations", rotations, (count, 4))
-        turned /= np.maximum(np.abs(turned).max(axis=1, keepdims=True), 1e-300)  # avoids overflow of the squares
-        length = np.linalg.norm(turned, axis=1, keepdims=True)
-        if not (length > 0).all():
-            zeros = np.count_nonzero(length == 0)
-            raise ArgumentError("rotations", "quaternions (w, x, y, z) of a length > 0", f"{zeros} of length 0")
-        self.rotations = locked((turned / length).astype(np.float32))
+        self.rotations = _unit("rotations", numbers("rotations", rotations, (count, 4)))
         self.opacities = _checked("opacities", opacities, (count,), 0.0, 1.0)
         if (colors is None) == (sh is None):
             raise ArgumentError("colors", "either `colors` or `sh`", "neither" if sh is None else "both")
@@ -163,7 +157,7 @@ class Gaussians(Immutable):
         """Draw nothing: Gaussians are not opaque, and are blended after all opaque things."""
 
     @staticmethod
-    def blend(things: Sequence[Gaussians], target: Target, lighting: Lighting | None) -> None:
+    def blend_together(things: Sequence[Gaussians], target: Target, lighting: Lighting | None) -> None:
         """Blend clouds together into a target."""
         # The order of the clouds decides where depths are equal, so it must not depend on the caller's order.
         clouds = things if len(things) == 1 else sorted(things, key=lambda one: one._digest)
@@ -211,6 +205,17 @@ class Gaussians(Immutable):
         for array in (self.means, self.scales, self.rotations, self.opacities, self.sh):
             made.update(np.ascontiguousarray(array[self._order]))
         return made.digest()
+
+
+def _unit(argument: str, quaternions: Float64) -> Float32:
+    """Return quaternions at unit length, those at unit length unchanged, or raise ArgumentError."""
+    largest = np.maximum(np.abs(quaternions).max(axis=1, keepdims=True), 1e-300)  # avoids overflow of the squares
+    length = np.linalg.norm(quaternions / largest, axis=1, keepdims=True)
+    if not (length > 0).all():
+        zeros = np.count_nonzero(length == 0)
+        raise ArgumentError(argument, "quaternions (w, x, y, z) of a length > 0", f"{zeros} of length 0")
+    is_unit = np.abs(length * largest - 1) < 1e-6
+    return locked(np.where(is_unit, quaternions, quaternions / largest / length).astype(np.float32))
 
 
 def _spread(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:

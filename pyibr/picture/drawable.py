@@ -21,8 +21,8 @@ class Drawable(Protocol):
 
     `pyibr.render` draws any object with these two members together with other things, and the things cast shadows on
     each other. A class of your own needs no base class and no registration. It may have more members:
-    `Guessing.guess`, `Finishing.finish`, `Blending.blend`, and `color_dtype`, the dtype of its colours; if that is
-    float32, so is the picture. Objects manage their own data on the device;
+    `Guessing.guess`, `Finishing.finish`, `Blending.blend_together`, and `color_dtype`, the dtype of its colours; if
+    that is float32, so is the picture. Objects manage their own data on the device;
     `pyibr.opencl.device_cache.cached_on_device` creates it once per device.
 
     Examples
@@ -81,7 +81,7 @@ class Blending(Protocol):
     """A thing that is not opaque. It is blended after all other things are drawn and finished."""
 
     @staticmethod
-    def blend(things: Sequence[Any], target: Target, lighting: Lighting | None) -> None:
+    def blend_together(things: Sequence[Any], target: Target, lighting: Lighting | None) -> None:
         """Blend all of a picture's things with this same function, in front of the surface in the target.
 
         Multiply the target's colours by the light that passes, and add the things' own. Set `Target.alpha` to the
@@ -95,8 +95,8 @@ def blend_things(drawables: Iterable[Drawable], target: Target, lighting: Lighti
     """Blend those things that are `Blending`: all things of one function together."""
     together: dict[Callable[..., None], list[Drawable]] = {}
     for drawable in drawables:
-        if hasattr(drawable, "blend"):
-            together.setdefault(type(cast("Any", drawable)).blend, []).append(drawable)
+        if hasattr(drawable, "blend_together"):
+            together.setdefault(type(cast("Any", drawable)).blend_together, []).append(drawable)
     for blend, things in together.items():
         blend(things, target, lighting)
 

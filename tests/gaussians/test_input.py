@@ -37,7 +37,7 @@ def changed(name: str, value: object, *places: int) -> dict[str, object]:
         (changed("scales", np.inf, 1, 2), "scales: expected finite"),
         (changed("rotations", 0, 1), "rotations: expected quaternions .* 1 of length 0"),
         (changed("rotations", np.nan, 1), "rotations: expected finite"),
-        (changed("opacities", 1.1, 0), "opacities: expected numbers from 0 to 1, got 0.* to 1.1"),
+        (changed("opacities", 1.1, 0), "opacities: expected numbers from 0 to 1, got 1 to 1.1"),
         (changed("opacities", -0.1, 0), "opacities: expected numbers from 0 to 1"),
         (changed("opacities", np.nan, 0), "opacities: expected finite"),
         ({**GOOD, "means": np.zeros((0, 3))}, "means: expected at least one Gaussian"),

@@ -20,7 +20,7 @@ def check(frame: ibr.Frame, expected: tuple[np.ndarray, ...], left_out: np.ndarr
     assert np.abs(frame.alpha - alpha)[seen].max() <= 0.004
     same = np.isclose(frame.depth, depth, rtol=1e-4, atol=0, equal_nan=True)
     assert same[seen].mean() >= 0.999
-    np.testing.assert_array_equal(frame.valid, ~np.isnan(frame.depth))
+    np.testing.assert_array_equal(frame.valid[seen], ~np.isnan(frame.depth[seen]))
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
