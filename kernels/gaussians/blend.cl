@@ -8,8 +8,8 @@
  * ray, and `valid` 1.
  *
  * list, starts: the bins' splats in the order of depth (raster/bins.cl), as indices into `places`. places: indices of
- * records. records: Gaussians2D. depth, color, valid: the picture. alpha: (height, width) the picture's opacity; if
- * `fresh`, it is first set to 1 where the picture is valid, else to 0. Work-item: a bin on a CPU, whose rows are one
+ * records. records: Splats. depth, color, valid: the picture. alpha: (height, width) the picture's opacity.
+ * Work-item: a bin on a CPU, whose rows are one
  * packet each; a pixel on a GPU. Cost: O(list * rows) on a CPU, O(pixels * list) on a GPU, less where pixels close
  * early. Determinism: each pixel's order is that of the list.
  */
@@ -19,6 +19,7 @@
 
 #define OPACITY_MAX 0.99f
 #define TRANSMITTANCE_MIN 1e-4f
+#define AHEAD 8 /* splats that are prefetched */
 #if LANES == 16
 #define BIN_ROWS BIN /* rows of pixels that a work-item draws; BIN is LANES */
 #define ROW_INDEX(row) (row)
@@ -34,8 +35,9 @@ typedef struct {
     floatl median[BIN_ROWS];  /* nearness where the transmittance falls to one half; EMPTY: nowhere */
     floatl surface[BIN_ROWS]; /* nearness of the picture's surface; EMPTY: none */
     int x, y, rows;
-    int bounded; /* whether there is any surface */
-    uint open;   /* rows, as bits, with a pixel that is not closed */
+    int bounded;   /* whether there is any surface */
+    float hidden;  /* nearness of the farthest surface, behind which no pixel shows a splat; EMPTY: none */
+    uint open;     /* rows, as bits, with a pixel that is not closed */
 } BlendedPixels;
 
 /* 2^x for x from -126 to 0, to within 2e-7 of the value */
@@ -53,8 +55,10 @@ INLINED floatl power_of_two(floatl x)
     return as_floatl(as_intl(p) + (whole << 23));
 }
 
-INLINED void blend_splat(BlendedPixels *pixels, global const Gaussian2D *splat)
+INLINED void blend_splat(BlendedPixels *pixels, global const SplatRecord *splat)
 {
+    if (splat->most <= pixels->hidden)
+        return;
     const float u = splat->u, v = splat->v, along = splat->along, reach = splat->reach;
     const float nearness_y = splat->nearness_y, least = splat->least, most = splat->most;
     const floatl dx = to_floatl(pixels->x + (intl)lane_index) - u;
@@ -93,34 +97,43 @@ INLINED void begin_pixels(BlendedPixels *pixels, Screen screen, global const flo
     pixels->rows = min(BIN_ROWS, screen.height - pixels->y);
     pixels->open = (1u << pixels->rows) - 1;
     pixels->bounded = 0;
+    floatl hidden = INFINITY;
     for (int row = 0; row < pixels->rows; row++) {
         const Color none = {0.0f, 0.0f, 0.0f};
         const floatl z = load_first(depth + (size_t)(pixels->y + row) * screen.width + pixels->x, count, NAN);
         const intl drawn = z == z;
-        pixels->surface[ROW_INDEX(row)] = select_lanes(drawn, DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
+        const intl within = (intl)lane_index < count;
+        const floatl surface = select_lanes(drawn, DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
+        hidden = select_lanes(within, min_lanes(hidden, surface), hidden);
+        pixels->surface[ROW_INDEX(row)] = surface;
         pixels->bounded |= any_lane(drawn);
-        pixels->transmittance[ROW_INDEX(row)] = select_lanes((intl)lane_index < count, (floatl)1.0f, (floatl)0.0f);
+        pixels->transmittance[ROW_INDEX(row)] = select_lanes(within, (floatl)1.0f, (floatl)0.0f);
         pixels->sum[ROW_INDEX(row)] = none;
         pixels->median[ROW_INDEX(row)] = EMPTY;
     }
+    pixels->hidden = least_lane(hidden);
 }
 
-INLINED void end_pixels(const BlendedPixels *pixels, Screen screen, int fresh, global float *depth,
-                        global channel *color, global uchar *valid, global float *alpha)
+/* The picture's colours at LANES pixels; `read_color` needs at least two pixels in all. */
+INLINED Color old_color(global const channel *color, intl index, int pixels)
+{
+    const float3 only = read_pixel(color);
+    const Color one = {only.x, only.y, only.z};
+    return pixels == 1 ? one : read_color(color, index, pixels);
+}
+
+INLINED void end_pixels(const BlendedPixels *pixels, Screen screen, global float *depth, global channel *color,
+                        global uchar *valid, global float *alpha)
 {
     const int count = min(screen.width - pixels->x, LANES);
     for (int row = 0; row < pixels->rows; row++) {
         const size_t at = (size_t)(pixels->y + row) * screen.width + pixels->x;
         const floatl rest = pixels->transmittance[ROW_INDEX(row)], median = pixels->median[ROW_INDEX(row)];
-        const intl was_valid = load_first_bytes(valid + at, count, 0);
-        floatl opacity = select_lanes(was_valid != 0, (floatl)1.0f, (floatl)0.0f);
-        if (!fresh)
-            opacity = load_first(alpha + at, count, 0.0f);
-        store_first(1.0f - (1.0f - opacity) * rest, alpha + at, count);
         if (!any_lane((rest < 1.0f) & ((intl)lane_index < count)))
             continue;
+        store_first(1.0f - (1.0f - load_first(alpha + at, count, 0.0f)) * rest, alpha + at, count);
         const intl index = min((intl)lane_index, (intl)(count - 1)) + (int)at;
-        const Color old = read_color(color, index, screen.width * screen.height), sum = pixels->sum[ROW_INDEX(row)];
+        const Color old = old_color(color, index, screen.width * screen.height), sum = pixels->sum[ROW_INDEX(row)];
         const floatl top = 1.0f;
         const Color made = {min_lanes(sum.r + rest * old.r * (1.0f / CHANNEL_MAX), top) * CHANNEL_MAX,
                             min_lanes(sum.g + rest * old.g * (1.0f / CHANNEL_MAX), top) * CHANNEL_MAX,
@@ -131,13 +144,14 @@ INLINED void end_pixels(const BlendedPixels *pixels, Screen screen, int fresh, g
             continue;
         const floatl z = load_first(depth + at, count, NAN);
         store_first(select_lanes(halved, DRAWN_DEPTH(screen, median), z), depth + at, count);
-        store_first_bytes(select_lanes(halved, (intl)1, was_valid), valid + at, count);
+        const intl shown = load_first_bytes(valid + at, count, 0);
+        store_first_bytes(select_lanes(halved, (intl)1, shown), valid + at, count);
     }
 }
 
 kernel void blend_gaussians(global const float *records, global const int *places, global const int *list,
-                            global const int *starts, int bins_x, int fresh, Screen screen,
-                            global float *depth, global channel *color, global uchar *valid, global float *alpha)
+                            global const int *starts, int bins_x, Screen screen, global float *depth,
+                            global channel *color, global uchar *valid, global float *alpha)
 {
     BlendedPixels pixels;
     pixels.x = get_global_id(0) * LANES;
@@ -148,10 +162,10 @@ kernel void blend_gaussians(global const float *records, global const int *place
     begin_pixels(&pixels, screen, depth);
     const int last = starts[bin + 1];
     for (int i = starts[bin]; i < last && pixels.open; i++) {
-        if (i + 8 < last) {
-            prefetch_at(records + RECORD * (size_t)places[list[i + 8]]);
+        if (i + AHEAD < last) {
+            prefetch_at(records + RECORD * (size_t)places[list[i + AHEAD]]);
         }
-        blend_splat(&pixels, (global const Gaussian2D *)(records + RECORD * (size_t)places[list[i]]));
+        blend_splat(&pixels, (global const SplatRecord *)(records + RECORD * (size_t)places[list[i]]));
     }
-    end_pixels(&pixels, screen, fresh, depth, color, valid, alpha);
+    end_pixels(&pixels, screen, depth, color, valid, alpha);
 }

@@ -7,22 +7,22 @@
  * each pixel, through the place on its ray where the Gaussian is densest. It is the regression of nearness on pixels
  * under the Gaussian; for a flat Gaussian it is the Gaussian's own plane.
  *
- * shapes: SHAPE planes of `pitch` floats: mean (3, in the world), scales (3), rotation (4, a unit quaternion w x y z)
- * and log2 of the opacity. coefficients: 3 planes for each harmonic (harmonics.h). `screen` maps points relative to
- * `origin`, the camera's centre. Outputs, from element `first` on: records: Gaussians2D. boxes: (count, 4) first and
- * last bin in x, first and last in y; first > last if invisible. keys: the bits of the mean's depth, which sort as the
- * depth does, or INVISIBLE. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians). Determinism: Gaussians are
- * independent.
+ * planes: of `pitch` floats each: mean (3, in the world), scales (3), rotation (4, a unit quaternion w x y z), log2 of
+ * the opacity, and for each harmonic red, green and blue (harmonics.h). `screen` maps points relative to `origin`, the
+ * camera's centre in single precision. Outputs, from element `first` on: records: Splats. boxes: raster/boxes.h. keys:
+ * the bits of the mean's squared distance from `origin` (orthographic: of its depth), which sort as the distances do,
+ * or INVISIBLE. Faces of a cube sort alike by distance. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians).
+ * Determinism: Gaussians are independent.
  */
 #include "gaussians/harmonics.h"
 #include "gaussians/splat.h"
-#include "lib/screen.h"
+#include "raster/boxes.h"
 
-#define SHAPE 11
-#define BEYOND 0.15f        /* part of the picture's size, outside of which the map is not linearised */
+#define SHAPE 11            /* planes before the harmonics' */
+#define UNLINEARISED 0.15f  /* part of the picture's size, outside of which the map is not linearised */
 #define SHARP 0.01f         /* pixel^2, added to the covariance for the plane: splats seen edge-on have one, too */
 #define HALF_LOG2_E 0.72134752f
-#define SIGMAS 3.5f         /* the plane is used up to so many standard deviations of the depth */
+#define PLANE_SIGMAS 3.5f   /* the plane is used up to so many standard deviations of the depth */
 
 /* A projected axis of LANES Gaussians, times its scale: the change of u, v and nearness */
 typedef struct {
@@ -46,7 +46,7 @@ INLINED Vector gradient(const float *m, int row, floatl value, floatl inverse)
 
 /* Sets the splats' shape and plane, from their projected axes. Returns the determinant of the covariance on the screen;
  * reach_x: half the splats' width in pixels. */
-INLINED floatl set_shape(Gaussians2D *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, float low_pass,
+INLINED floatl set_shape(Splats *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, float low_pass,
                          floatl *reach_x)
 {
     const floatl uu = a.u * a.u + b.u * b.u + c.u * c.u, vv = a.v * a.v + b.v * b.v + c.v * c.v;
@@ -71,45 +71,25 @@ INLINED floatl set_shape(Gaussians2D *splats, ProjectedAxis a, ProjectedAxis b, 
 }
 
 /* The depth's standard deviation bounds the part of the plane that is used. */
-INLINED void bound_plane(Gaussians2D *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, floatl z, float near_z,
+INLINED void bound_plane(Splats *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, floatl z, float near_z,
                          int perspective)
 {
     const floatl deviation = sqrt(a.n * a.n + b.n * b.n + c.n * c.n);
-    const floatl deep = SIGMAS * (perspective ? deviation * z * z : deviation);
+    const floatl deep = PLANE_SIGMAS * (perspective ? deviation * z * z : deviation);
     const floatl far_end = z + deep, near_end = max_lanes(z - deep, (floatl)near_z);
     splats->least = DEPTH_OF(perspective, far_end);
     splats->most = DEPTH_OF(perspective, near_end);
 }
 
-/* Writes the bins and sort keys of LANES Gaussians. */
-INLINED void store_places(const Gaussians2D *splats, intl drawn, floatl reach_x, floatl z, Screen screen,
-                          global short *boxes, global uint *keys)
+INLINED void project_packet(global const float *planes, int pitch, int degree, Vector origin, float low_pass,
+                            float near_z, Screen screen, global float *records, global ushort *boxes,
+                            global uint *keys)
 {
-    const float right = screen.width - 1.0f, bottom = screen.height - 1.0f, per_bin = 1.0f / BIN;
-    const floatl x0 = ceil_lanes(clamp_lanes(splats->u - reach_x, (floatl)0.0f, (floatl)(right + 1.0f)));
-    const floatl y0 = ceil_lanes(clamp_lanes(splats->v - splats->reach, (floatl)0.0f, (floatl)(bottom + 1.0f)));
-    const floatl x1 = floor_lanes(clamp_lanes(splats->u + reach_x, (floatl)-1.0f, (floatl)right));
-    const floatl y1 = floor_lanes(clamp_lanes(splats->v + splats->reach, (floatl)-1.0f, (floatl)bottom));
-    const intl seen = drawn & (x0 <= x1) & (y0 <= y1);
-    const intl low_x = select_lanes(seen, to_intl(x0 * per_bin), (intl)1),
-               high_x = select_lanes(seen, to_intl(x1 * per_bin), (intl)0),
-               low_y = select_lanes(seen, to_intl(y0 * per_bin), (intl)1),
-               high_y = select_lanes(seen, to_intl(y1 * per_bin), (intl)0);
-    for (int lane = 0; lane < LANES; lane++)
-        vstore4((short4)(int_lane(low_x, lane), int_lane(high_x, lane), int_lane(low_y, lane), int_lane(high_y, lane)),
-                lane, boxes);
-    store_lanes(as_uintl(select_lanes(seen, as_intl(z), (intl)INVISIBLE)), keys);
-}
-
-INLINED void project_packet(global const float *shapes, global const float *coefficients, int pitch, int degree,
-                            Vector origin, float low_pass, float near_z, Screen screen, global float *records,
-                            global short *boxes, global uint *keys)
-{
-#define SHAPE_PLANE(k) load_lanes(shapes + (size_t)(k) * pitch)
+#define SHAPE_PLANE(k) load_lanes(planes + (size_t)(k) * pitch)
     const Vector place = {SHAPE_PLANE(0), SHAPE_PLANE(1), SHAPE_PLANE(2)}, p = minus(place, origin);
     const float *m = screen.from_world;
     const floatl inverse = 1.0f / POINT_ROW(m, 2, p);
-    Gaussians2D splats;
+    Splats splats;
     splats.u = POINT_ROW(m, 0, p) * inverse;
     splats.v = POINT_ROW(m, 1, p) * inverse;
     splats.nearness = POINT_ROW(m, 3, p) * inverse;
@@ -119,7 +99,7 @@ INLINED void project_packet(global const float *shapes, global const float *coef
     const Vector first = {1.0f - 2.0f * (y * y + q * q), 2.0f * (x * y + w * q), 2.0f * (x * q - w * y)};
     const Vector second = {2.0f * (x * y - w * q), 1.0f - 2.0f * (x * x + q * q), 2.0f * (y * q + w * x)};
     const Vector third = {2.0f * (x * q + w * y), 2.0f * (y * q - w * x), 1.0f - 2.0f * (x * x + y * y)};
-    const float beyond_x = BEYOND * screen.width + 0.5f, beyond_y = BEYOND * screen.height + 0.5f;
+    const float beyond_x = UNLINEARISED * screen.width + 0.5f, beyond_y = UNLINEARISED * screen.height + 0.5f;
     const floatl u = clamp_lanes(splats.u, (floatl)-beyond_x, (floatl)(screen.width - 1.0f + beyond_x));
     const floatl v = clamp_lanes(splats.v, (floatl)-beyond_y, (floatl)(screen.height - 1.0f + beyond_y));
     const Vector to_u = gradient(m, 0, u, inverse), to_v = gradient(m, 1, v, inverse);
@@ -134,9 +114,15 @@ INLINED void project_packet(global const float *shapes, global const float *coef
     const intl drawn = (z > near_z) & (z < FARTHEST_DEPTH) & (splats.strength > LEAST_OPACITY_LOG2) &
                        (determinant > 0.0f) & (determinant < INFINITY) & isfinite_lanes(splats.along * splats.lean) &
                        isfinite_lanes(splats.nearness_x) & isfinite_lanes(splats.nearness_y);
-    store_places(&splats, drawn, reach_x, z, screen, boxes, keys);
-    if (!any_lane(drawn))
+    const Boxes box = boxes_within(splats.u - reach_x, splats.u + reach_x, splats.v - splats.reach,
+                                   splats.v + splats.reach, drawn, screen);
+    store_boxes(box, LANES, boxes);
+    const intl seen = box.low_x <= box.high_x;
+    const floatl far = screen.perspective ? DOT(p, p) : z;
+    store_lanes(as_uintl(select_lanes(seen, as_intl(far), (intl)INVISIBLE)), keys);
+    if (!any_lane(seen))
         return;
+    global const float *coefficients = planes + (size_t)SHAPE * pitch;
     const Color color = harmonic_colors(coefficients, pitch, degree, view_direction(screen, p));
     splats.r = color.r;
     splats.g = color.g;
@@ -144,15 +130,15 @@ INLINED void project_packet(global const float *shapes, global const float *coef
     store_splats(splats, records);
 }
 
-kernel void project_gaussians(global const float *shapes, global const float *coefficients, int pitch, int degree,
-                              float origin_x, float origin_y, float origin_z, float low_pass, float near_z,
-                              Screen screen, int first, global float *records, global short *boxes, global uint *keys)
+kernel void project_gaussians(global const float *planes, int pitch, int degree, float origin_x, float origin_y,
+                              float origin_z, float low_pass, float near_z, Screen screen, int first,
+                              global float *records, global ushort *boxes, global uint *keys)
 {
     const int from = get_global_id(0) * STRIP * LANES;
     const Vector origin = {origin_x, origin_y, origin_z};
     for (int i = from; i < min(from + STRIP * LANES, pitch); i += LANES) {
         const size_t to = (size_t)first + i;
-        project_packet(shapes + i, coefficients + i, pitch, degree, origin, low_pass, near_z, screen,
-                       records + RECORD * to, boxes + 4 * to, keys + to);
+        project_packet(planes + i, pitch, degree, origin, low_pass, near_z, screen, records + RECORD * to,
+                       boxes + 4 * to, keys + to);
     }
 }

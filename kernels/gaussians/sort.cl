@@ -9,12 +9,12 @@
  * keys, places: (count,) the elements to sort; in the first pass, elements are numbered and `places` is not read.
  * visible: (DIGITS + 1,) the first pass's start of each digit, whose last value is the number of visible elements.
  * counts: (chunks, DIGITS). moved_keys, moved_places: (count,) the elements, sorted by one more digit. boxes:
- * project.cl. ordered: (count, 4) boxes in the order of depth, empty ones at the end. Work-item: a chunk, or `share`
+ * raster/boxes.h. ordered: (count, 4) boxes in the order of depth, empty ones at the end. Work-item: a chunk, or `share`
  * boxes. Cost: O(count + chunks * DIGITS). Determinism: the sort is stable, and nothing is atomic.
  */
 #include "gaussians/splat.h"
 
-#define DIGITS 256
+#define DIGITS 2048 /* 11 bits: 3 passes sort the 31 bits of positive floats */
 #define DIGIT(key, shift) (((key) >> (shift)) & (DIGITS - 1))
 
 /* The first element of a chunk; that of the next chunk is where this chunk ends. */
@@ -56,10 +56,10 @@ kernel void move_by_digit(global const uint *keys, global const int *places, glo
     }
 }
 
-kernel void order_boxes(global const short *boxes, global const int *places, global const int *visible, int count,
-                        int share, global short *ordered)
+kernel void order_boxes(global const ushort *boxes, global const int *places, global const int *visible, int count,
+                        int share, global ushort *ordered)
 {
     const int first = get_global_id(0) * share, last = min(first + share, count), shown = visible[DIGITS];
     for (int i = first; i < last; i++)
-        vstore4(i < shown ? vload4(places[i], boxes) : (short4)(1, 0, 1, 0), i, ordered);
+        vstore4(i < shown ? vload4(places[i], boxes) : (ushort4)(1, 0, 1, 0), i, ordered);
 }

@@ -1,6 +1,6 @@
 #ifndef GAUSSIANS_SPLAT_H
 #define GAUSSIANS_SPLAT_H
-/* Gaussians2D: Gaussians, projected to the screen.
+/* Splats: Gaussians, projected to the screen.
  *
  * At (dx, dy) pixels from its centre, a splat's opacity is 2 to the power of
  *     strength - across * dx^2 - (along * dy - lean * dx)^2,
@@ -11,9 +11,9 @@
  */
 #include "lib/lanes.h"
 
-#define RECORD 16                                /* floats of a Gaussian2D */
-#define LEAST_OPACITY_LOG2 -7.9943534368588579f /* log2(1 / 255): a smaller opacity counts as 0 */
-#define INVISIBLE 0xFFFFFFFF                     /* sort key of Gaussians that are not drawn */
+#define RECORD 16                                  /* floats of a SplatRecord */
+#define LEAST_OPACITY_LOG2 (-7.9943534368588579f) /* log2(1 / 255): a smaller opacity counts as 0 */
+#define INVISIBLE 0xFFFFFFFF                       /* sort key of Gaussians that are not drawn */
 
 typedef struct {
     float u, v;             /* centre, in pixels */
@@ -22,19 +22,19 @@ typedef struct {
     float reach;            /* pixels from the centre to the highest and to the lowest pixel that is drawn */
     float nearness, nearness_x, nearness_y, least, most;
     float r, g, b, unused; /* colour, at least 0 */
-} Gaussian2D;
+} SplatRecord;
 
 /* LANES splats */
 typedef struct {
     floatl u, v, across, lean, along, strength, reach, nearness, nearness_x, nearness_y, least, most, r, g, b;
-} Gaussians2D;
+} Splats;
 
 #define SPLAT_FIELDS(s)                                                                                        \
     (s).u, (s).v, (s).across, (s).lean, (s).along, (s).strength, (s).reach, (s).nearness, (s).nearness_x,      \
         (s).nearness_y, (s).least, (s).most, (s).r, (s).g, (s).b, (floatl)0.0f
 
 /* Writes LANES splats as records. */
-INLINED void store_splats(Gaussians2D splats, global float *records)
+INLINED void store_splats(Splats splats, global float *records)
 {
 #if LANES == 16
     float16 rows[RECORD] = {SPLAT_FIELDS(splats)};

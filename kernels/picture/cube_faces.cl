@@ -10,7 +10,8 @@
  * frame. face_depth, face_color, face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid:
  * (height, width); pixels of other faces are emptied if this face is the `first`, else unchanged. With ORIGINS, CLASSES
  * or GUESSES, the origins, classes or guesses are copied, too; pixels without a ray get the class `unseen`. With ALPHA,
- * opacities are read as colours are. Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are
+ * opacities are read as colours are; both are interpolated also where an opacity is neither 0 nor 1. Pixels without a
+ * ray show the background (red, green, blue). Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are
  * independent.
  */
 #include "lib/color.h"
@@ -35,13 +36,17 @@ typedef struct {
     global const channel *color;
     global const uchar *valid;
     int width, height;
+#if ALPHA
+    global const float *alpha;
+#endif
 } Face;
 
 typedef struct {
     intl own;         /* mask: the pixel's ray hits this face */
     intl x, y, whole; /* the first of the four pixels around the place; mask: the four show one surface */
     intl nearest;     /* index of the nearest pixel */
-    floatl weights[4], z;
+    intl mixed;       /* mask: colour and opacity are interpolated */
+    floatl weights[4], z, alpha;
     Color color;
 } Reading;
 
@@ -63,6 +68,24 @@ INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
     const floatl step = c - b, small = ONE_SURFACE * min_lanes(b, c);
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
 }
+
+#if ALPHA
+/* Reads the opacities. Where one of the four is neither 0 nor 1, colour and opacity are interpolated. */
+INLINED void read_alpha(Reading *read, Face face, intl linear)
+{
+    const intl there = (read->x >= 0) & (read->x + 1 < face.width) & (read->y >= 0) & (read->y + 1 < face.height);
+    intl soft = 0;
+    floatl sum = 0.0f;
+    for (int i = 0; i < 4; i++) {
+        const intl at = (read->y + (i >> 1)) * face.width + read->x + (i & 1);
+        const floatl opacity = (floatl)(gather(face.alpha, select_lanes(there, at, read->nearest)));
+        soft = soft | ((opacity > 0.0f) & (opacity < 1.0f));
+        sum += read->weights[i] * opacity;
+    }
+    read->mixed = read->whole | (soft & there & read->own & linear);
+    read->alpha = select_lanes(read->mixed, sum, (floatl)(gather(face.alpha, read->nearest)));
+}
+#endif
 
 INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, int linear, int filled)
 {
@@ -109,28 +132,31 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     read.y = up;
     const int count = face.width * face.height;
     read.color = read_color(face.color, read.nearest, count);
-    if (CHANNELS && any_lane(read.whole)) {
+    read.mixed = read.whole;
+#if ALPHA
+    read_alpha(&read, face, (intl)(linear ? -1 : 0));
+#endif
+    if (CHANNELS && any_lane(read.mixed)) {
         Color mixed = {0.0f, 0.0f, 0.0f};
         for (int i = 0; i < 4; i++)
             add_color(&mixed, read.weights[i],
                       read_color(face.color, (up + (i >> 1)) * face.width + x + (i & 1), count));
-        read.color = select_color(read.whole, mixed, read.color);
+        read.color = select_color(read.mixed, mixed, read.color);
     }
     return read;
 }
 
-/* Writes the first `count` of a packet's pixels. Pixels of other faces are emptied if `empties` is 1, else
- * unchanged. */
-INLINED void write_packet(const Reading *read, Face face, int count, int empties, global float *depth,
+/* Writes the first `count` of a packet's pixels. Pixels of other faces are emptied if `empties` is 1, and show the
+ * colour `around`; else they are unchanged. */
+INLINED void write_packet(const Reading *read, Face face, int count, int empties, Color around, global float *depth,
                           global channel *color, global uchar *valid)
 {
     const intl own = read->own;
     if (count == LANES && (empties || !any_lane(!own))) {
-        const Color none = {0.0f, 0.0f, 0.0f};
         const WIDE(uchar) shows = (WIDE(uchar))(gather(face.valid, read->nearest));
         store_lanes(select_lanes(own, read->z, (floatl)NAN), depth);
         store_bytes(to_ucharl(select_lanes(own, to_intl(shows), (intl)0)), valid);
-        write_color(color, select_color(own, read->color, none));
+        write_color(color, select_color(own, read->color, around));
         return;
     }
     for (int lane = 0; lane < count; lane++) {
@@ -139,7 +165,8 @@ INLINED void write_packet(const Reading *read, Face face, int count, int empties
             continue;
         depth[lane] = is_own ? float_lane(read->z, lane) : NAN;
         valid[lane] = is_own ? face.valid[int_lane(read->nearest, lane)] : 0;
-        write_pixel(color + CHANNELS * lane, is_own ? rounded_channel(color_lane(read->color, lane)) : (float3)(0.0f));
+        const Color made = select_color(own, read->color, around);
+        write_pixel(color + CHANNELS * lane, rounded_channel(color_lane(made, lane)));
     }
 }
 
@@ -208,29 +235,10 @@ INLINED void copy_guesses(const Reading *read, Face face, int count, global cons
 }
 #endif
 
-#if ALPHA
-INLINED void read_alpha(const Reading *read, Face face, int count, int empties, global const float *face_alpha,
-                        global float *alpha)
-{
-    for (int lane = 0; lane < count; lane++) {
-        if (!int_lane(read->own, lane)) {
-            alpha[lane] = empties ? 0.0f : alpha[lane];
-            continue;
-        }
-        const int corner = int_lane(read->y, lane) * face.width + int_lane(read->x, lane);
-        const int whole = int_lane(read->whole, lane);
-        float sum = whole ? 0.0f : face_alpha[int_lane(read->nearest, lane)];
-        for (int i = 0; i < (whole ? 4 : 0); i++) /* four pixels around places that are not whole may not exist */
-            sum += float_lane(read->weights[i], lane) * face_alpha[corner + (i >> 1) * face.width + (i & 1)];
-        alpha[lane] = sum;
-    }
-}
-#endif
-
 kernel void join_faces(global const float *places, global const float *face_depth, global const channel *face_color,
                        global const uchar *face_valid, int face_width, int face_height, int width, int height,
-                       int pitch, int first, int linear, int filled, global float *depth, global channel *color,
-                       global uchar *valid
+                       int pitch, int first, int linear, int filled, float red, float green, float blue,
+                       global float *depth, global channel *color, global uchar *valid
 #if ORIGINS
                        ,
                        global const float *face_source, global const int *face_source_view, global float *source,
@@ -253,7 +261,13 @@ kernel void join_faces(global const float *places, global const float *face_dept
     const int y = get_global_id(1);
     if (y >= height)
         return;
-    const Face face = {face_depth, face_color, face_valid, face_width, face_height};
+    const Face face = {face_depth, face_color, face_valid, face_width, face_height
+#if ALPHA
+                       ,
+                       face_alpha
+#endif
+    };
+    const Color around = {red, green, blue};
     const size_t plane = (size_t)height * pitch;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
         global const float *place = places + (size_t)y * pitch + x0;
@@ -261,7 +275,7 @@ kernel void join_faces(global const float *places, global const float *face_dept
                                        load_lanes(place + 2 * plane), linear, filled);
         const size_t at = (size_t)y * width + x0;
         const int count = min(LANES, width - x0);
-        write_packet(&read, face, count, first, depth + at, color + CHANNELS * at, valid + at);
+        write_packet(&read, face, count, first, around, depth + at, color + CHANNELS * at, valid + at);
 #if ORIGINS
         copy_origins(&read, face, count, first, face_source, face_source_view, source + 2 * at, source_view + at);
 #endif
@@ -272,7 +286,8 @@ kernel void join_faces(global const float *places, global const float *face_dept
         copy_guesses(&read, face, count, face_guesses, depth + at, guesses + at);
 #endif
 #if ALPHA
-        read_alpha(&read, face, count, first, face_alpha, alpha + at);
+        const floatl before = first ? 0.0f : load_first(alpha + at, count, 0.0f);
+        store_first(select_lanes(read.own, read.alpha, before), alpha + at, count);
 #endif
     }
 }

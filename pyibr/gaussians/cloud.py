@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from functools import cached_property
 from os import PathLike
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyibr.core.checks import Float64, Immutable, checked_colors, describe, fits, locked, number_from, numbers
 from pyibr.core.errors import ArgumentError
 from pyibr.gaussians.drawing import Planes, blend_clouds, planes_of
-from pyibr.gaussians.files import GaussianArrays, read_gaussians, write_gaussians
+from pyibr.gaussians.files import LARGEST, read_gaussians, write_gaussians
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
@@ -23,14 +22,13 @@ Float32 = NDArray[np.float32]
 
 _SH0 = 0.28209479177387814  # the harmonic of degree 0
 _HARMONICS = (1, 4, 9, 16)
-_LARGEST = 1e9  # scene units: products of a few lengths still fit into single precision
-_SIGMAS = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
+_REACH = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
 
 
 class Gaussians(Immutable):
     """A cloud of 3D Gaussians, with the conventions of 3D Gaussian Splatting (Kerbl et al. 2023).
 
-    `pyibr.render` blends all Gaussians of a picture together, sorted by the depth of their means, in front of the
+    `pyibr.render` blends all Gaussians of a picture together, sorted by the distance of their means, in front of the
     opaque things. The picture does not depend on the order of the Gaussians or of the clouds. `Frame.alpha` is the
     picture's opacity. The depth is that of the Gaussian at which the transmittance falls to one half, on its plane;
     pixels with more transmittance and nothing opaque behind are not valid. Gaussians neither cast nor receive shadows.
@@ -52,7 +50,7 @@ class Gaussians(Immutable):
         Gaussian Splatting. The colour is 0.5 plus their sum for the direction from the camera, at least 0.
     low_pass : float
         Variance in pixels^2 that is added to each Gaussian on the screen, so that none is missed between pixels. 0
-        draws them as they are.
+        draws them as they are. With several samples per pixel, it counts in the picture's pixels, too.
     near : float
         Least depth of a mean, in scene units; nearer Gaussians are not drawn.
 
@@ -87,7 +85,7 @@ class Gaussians(Immutable):
         low_pass: float = 0.3,
         near: float = 0.2,
     ) -> None:
-        self.means = _checked("means", means, (None, 3), -_LARGEST)
+        self.means = _checked("means", means, (None, 3), -LARGEST)
         count = len(self.means)
         if not count:
             raise ArgumentError("means", "at least one Gaussian", "an empty array")
@@ -110,7 +108,8 @@ class Gaussians(Immutable):
     def load(cls, path: str | PathLike[str], **options: Any) -> Gaussians:
         """Read a PLY file of 3D Gaussian Splatting, also packed by gzip (``.ply.gz``).
 
-        Gaussians with values that are not finite, or a quaternion of length 0, are left out, with a UserWarning.
+        Gaussians with values that are not finite or exceed 1e9, or a quaternion of length 0, are left out, with a
+        UserWarning.
         Infinite logits of opacity mean 1 and 0.
 
         Parameters
@@ -132,8 +131,7 @@ class Gaussians(Immutable):
         >>> ibr.Gaussians.load("cloud.ply")
         <Gaussians 1, degree 0>
         """
-        found = read_gaussians(path)
-        return cls(found.means, found.scales, found.rotations, found.opacities, sh=found.sh, **options)
+        return cls(**read_gaussians(path), **options)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write a PLY file of 3D Gaussian Splatting, or leave the old file. A missing folder is made.
@@ -145,12 +143,12 @@ class Gaussians(Immutable):
         FileFormatError
             If the file cannot be written.
         """
-        write_gaussians(path, GaussianArrays(self.means, self.scales, self.rotations, self.opacities, self.sh))
+        write_gaussians(path, self._columns)
 
     @cached_property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(low, high), each (3,), in the world: a box around the visible part of every Gaussian."""
-        reach = _SIGMAS * self.scales.max(axis=1, keepdims=True).astype(np.float64)
+        reach = _REACH * self.scales.max(axis=1, keepdims=True).astype(np.float64)
         return (self.means - reach).min(axis=0), (self.means + reach).max(axis=0)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
@@ -159,17 +157,17 @@ class Gaussians(Immutable):
     @staticmethod
     def blend_together(things: Sequence[Gaussians], target: Target, lighting: Lighting | None) -> None:
         """Blend clouds together into a target."""
-        # The order of the clouds decides where depths are equal, so it must not depend on the caller's order.
-        clouds = things if len(things) == 1 else sorted(things, key=lambda one: one._digest)
-        blend_clouds([cached_on_device(cloud, "planes", cloud._planes) for cloud in clouds], target)
+        blend_clouds([cached_on_device(cloud, "planes", cloud._planes) for cloud in things], target)
 
     def _planes(self) -> Planes:
         """Upload the cloud to the current device, in an order that depends only on its Gaussians."""
-        order = self._order
-        arrays = (self.means, self.scales, self.rotations, self.opacities, self.sh)
-        made = planes_of(*(array[order] for array in arrays))
-        degree = _HARMONICS.index(self.sh.shape[1])
-        return Planes(*made, self.bounds, degree, self.low_pass, self.near)
+        return Planes(planes_of(self._columns, self._order), self.bounds, self.low_pass, self.near)
+
+    @property
+    def _columns(self) -> list[Float32]:
+        """All numbers of a Gaussian, a view for each: mean, scales, rotation, opacity, harmonics."""
+        harmonics = self.sh.reshape(len(self), -1).T
+        return [*self.means.T, *self.scales.T, *self.rotations.T, self.opacities, *harmonics]
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -189,22 +187,9 @@ class Gaussians(Immutable):
             tied[1:] |= equal
             tied[:-1] |= equal
             chosen = order[tied]
-            keys = [*self._rows_of(chosen).T[::-1], codes[chosen]]
+            keys = [column[chosen] for column in (*reversed(self._columns), codes)]
             order[tied] = chosen[np.lexsort(keys)]
         return order
-
-    def _rows_of(self, chosen: NDArray[np.int64]) -> NDArray[np.float32]:
-        """All numbers of some Gaussians, a row each."""
-        arrays = (self.means, self.scales, self.rotations, self.opacities[:, None], self.sh.reshape(len(self), -1))
-        return np.concatenate([array[chosen] for array in arrays], axis=1)
-
-    @cached_property
-    def _digest(self) -> bytes:
-        """Digest of the Gaussians, whatever their order, and of the options."""
-        made = hashlib.blake2b(np.array([self.low_pass, self.near]).tobytes())
-        for array in (self.means, self.scales, self.rotations, self.opacities, self.sh):
-            made.update(np.ascontiguousarray(array[self._order]))
-        return made.digest()
 
 
 def _unit(argument: str, quaternions: Float64) -> Float32:
@@ -233,7 +218,7 @@ def _spread(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _checked(
-    argument: str, value: ArrayLike, shape: tuple[int | None, ...], least: float, most: float = _LARGEST
+    argument: str, value: ArrayLike, shape: tuple[int | None, ...], least: float, most: float = LARGEST
 ) -> Float32:
     """Return finite numbers of a shape, from `least` to `most`, as float32, or raise ArgumentError."""
     array: NDArray[Any] = value if _is_float32(value, shape) else numbers(argument, value, shape)
@@ -242,7 +227,7 @@ def _checked(
         if not (low >= least and high <= most):  # also NaN
             if not np.isfinite([low, high]).all():
                 numbers(argument, array, shape)  # raises the usual error
-            raise ArgumentError(argument, f"numbers from {least:g} to {most:g}", f"{low:g} to {high:g}")
+            raise ArgumentError(argument, f"numbers from {least:g} to {most:g}", f"{low} to {high}")
     return locked(array.astype(np.float32, copy=False))
 
 
@@ -252,13 +237,13 @@ def _is_float32(value: ArrayLike, shape: tuple[int | None, ...]) -> TypeGuard[Fl
 
 
 def _harmonics_of(colors: ArrayLike | None, count: int) -> Float32:
-    stored = checked_colors("colors", np.float32(colors) if isinstance(colors, (list, tuple)) else colors, (count, 3))
+    stored = checked_colors("colors", colors, (count, 3))
     shown = stored / np.float64(255) if stored.dtype == np.uint8 else stored.astype(np.float64)
     return locked(((shown - 0.5) / _SH0).astype(np.float32)[:, None])
 
 
 def _checked_harmonics(sh: ArrayLike, count: int) -> Float32:
-    array = _checked("sh", sh, (count, None, 3), -_LARGEST)
+    array = _checked("sh", sh, (count, None, 3), -LARGEST)
     if array.shape[1] not in _HARMONICS:
         raise ArgumentError("sh", "1, 4, 9 or 16 coefficients, (N, K, 3)", describe(array))
     return array

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,100 +11,75 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path, read_bytes, reading, write_atomically
 from pyibr.io import ply
 
-_MEANS, _NORMALS, _DIRECT = ("x", "y", "z"), ("nx", "ny", "nz"), ("f_dc_0", "f_dc_1", "f_dc_2")
-_SCALES, _ROTATIONS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
+LARGEST = 1e9
+"""Limit of means, scales and harmonics: products of a few lengths still fit into single precision."""
+
+_SHAPE = ("x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity")
+_DIRECT = ("f_dc_0", "f_dc_1", "f_dc_2")
 _RESTS = (0, 9, 24, 45)  # numbers of the harmonics of degrees 1 to 3, by the degree
 
 
-@dataclass(frozen=True)
-class GaussianArrays:
-    """Gaussians as in a `pyibr.Gaussians`, unchecked."""
-
-    means: NDArray[np.float32]
-    scales: NDArray[np.float32]
-    rotations: NDArray[np.float32]
-    opacities: NDArray[np.float32]
-    sh: NDArray[np.float32]  # (N, K, 3)
-
-
-def read_gaussians(path: str | PathLike[str]) -> GaussianArrays:
-    """Read Gaussians; those with values that are not finite are left out, with a warning."""
+def read_gaussians(path: str | PathLike[str]) -> dict[str, NDArray[np.float32]]:
+    """Read the arrays of a `pyibr.Gaussians`; Gaussians out of its limits are left out, with a warning."""
     file = checked_path(path)
-    if _suffix(file) != ".ply":
+    packed = file.suffix.lower() == ".gz"
+    if (Path(file.stem) if packed else file).suffix.lower() != ".ply":
         raise FileFormatError(f"{file}: a file of Gaussians ends in .ply (or .ply.gz)")
     with reading(file, "PLY of 3D Gaussians") as source:
         found = _arrays_of(ply.read_columns(read_bytes(source)))
-        parts = (found.means, found.scales, found.rotations, found.sh.reshape(len(found.sh), -1))
-        kept = ~np.isnan(found.opacities) & found.rotations.any(axis=1)
-        for part in parts:
-            kept &= np.isfinite(part).all(axis=1)
-        if not kept.any():
-            raise FileFormatError(f"{file}: no Gaussians with finite values in it")
-        if kept.all():
-            return found
-        count = np.count_nonzero(~kept)
-        warnings.warn(f"{file}: left out: {count} Gaussians with values that are not finite", UserWarning, stacklevel=3)
-        return GaussianArrays(
-            found.means[kept], found.scales[kept], found.rotations[kept], found.opacities[kept], found.sh[kept]
-        )
+        kept = found["rotations"].any(axis=1)
+        for array in found.values():
+            kept &= (np.abs(array) <= LARGEST).reshape(len(kept), -1).all(axis=1)  # false for NaN
+        left_out = np.count_nonzero(~kept)
+        bad = "values that are not finite or exceed 1e9, or quaternions of length 0"
+        if left_out == len(kept):
+            raise FileFormatError(f"{file}: none of its {len(kept)} Gaussians are usable; others have {bad}")
+        if left_out:
+            warnings.warn(f"{file}: left out: {left_out} Gaussians with {bad}", UserWarning, stacklevel=3)
+            found = {name: array[kept] for name, array in found.items()}
+        return found
 
 
-def write_gaussians(path: str | PathLike[str], arrays: GaussianArrays) -> None:
-    """Write Gaussians, or leave the old file."""
+def write_gaussians(path: str | PathLike[str], columns: Sequence[NDArray[np.float32]]) -> None:
+    """Write Gaussians, or leave the old file. columns: mean, scales, rotation, opacity, and red, green, blue of each
+    harmonic."""
     file = checked_path(path)
     if file.suffix.lower() != ".ply":
         raise ArgumentError("path", "a file that ends in .ply", str(file))
     check_writable(file)
-    count, harmonics = arrays.sh.shape[:2]
+    opacities, rest = columns[10].astype(np.float64), columns[14:]
     with np.errstate(divide="ignore"):
-        logits = np.log(arrays.opacities.astype(np.float64)) - np.log1p(-arrays.opacities.astype(np.float64))
-        scales = np.log(arrays.scales.astype(np.float64))
-    rest = arrays.sh[:, 1:].transpose(0, 2, 1).reshape(count, -1)
-    columns = (arrays.means, np.zeros((count, 3)), arrays.sh[:, 0], rest, logits[:, None], scales, arrays.rotations)
-    rest_names = [f"f_rest_{number}" for number in range(3 * (harmonics - 1))]
-    names = [*_MEANS, *_NORMALS, *_DIRECT, *rest_names, "opacity", *_SCALES, *_ROTATIONS]
-    write_atomically(
-        file, ply.column_bytes(names, np.concatenate(columns, axis=1, dtype=np.float32, casting="same_kind"))
-    )
+        stored = dict(zip(_SHAPE, columns, strict=False))
+        stored |= {name: np.log(stored[name].astype(np.float64)) for name in _SHAPE[3:6]}
+        stored["opacity"] = np.log(opacities) - np.log1p(-opacities)
+    stored |= dict(zip(_DIRECT, columns[11:], strict=False))
+    by_channel = [rest[first::3] for first in range(3)]
+    stored |= {f"f_rest_{number}": column for number, column in enumerate(sum(by_channel, []))}
+    zeros = dict.fromkeys(("nx", "ny", "nz"), np.zeros(len(opacities)))
+    write_atomically(file, ply.column_bytes(stored | zeros))
 
 
-def _suffix(file: Path) -> str:
-    packed = file.suffix.lower() == ".gz"
-    return (Path(file.stem) if packed else file).suffix.lower()
-
-
-def _arrays_of(columns: dict[str, NDArray[Any]]) -> GaussianArrays:
+def _arrays_of(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
     if "packed_position" in columns:
         raise ValueError("its Gaussians are compressed; uncompressed ones are read")
-    names = (*_MEANS, *_DIRECT, "opacity", *_SCALES, *_ROTATIONS)
-    missing = [name for name in names if name not in columns]
+    count = sum(name.startswith("f_rest_") for name in columns)
+    rests = [f"f_rest_{number}" for number in range(count)]
+    missing = [name for name in (*_SHAPE, *_DIRECT, *rests) if name not in columns]
     if missing:
         raise ValueError(f"it holds no 3D Gaussians: no {', '.join(missing)} in the header")
-    count = sum(name.startswith("f_rest_") for name in columns)
     if count not in _RESTS:
         raise ValueError(f"{count} properties f_rest; {', '.join(map(str, _RESTS))} are known")
-
-    def stacked(*chosen: str) -> NDArray[np.float32]:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.stack([columns[name].astype(np.float32) for name in chosen], axis=1)
-
-    means, rotations, logits = stacked(*_MEANS), stacked(*_ROTATIONS), stacked("opacity")[:, 0]
-    harmonics = 1 + count // 3
-    sh = np.empty((len(means), harmonics, 3), np.float32)
-    sh[:, 0] = stacked(*_DIRECT)
-    for channel in range(3 if harmonics > 1 else 0):
-        first = channel * (harmonics - 1)
-        sh[:, 1:, channel] = stacked(*(f"f_rest_{first + number}" for number in range(harmonics - 1)))
-    with np.errstate(over="ignore"):
-        scales = np.exp(stacked(*_SCALES))
-    return GaussianArrays(means, scales, rotations, _sigmoid(logits).astype(np.float32), sh)
-
-
-def _sigmoid(logits: NDArray[np.float32]) -> Float64:
-    with np.errstate(over="ignore"):
-        return 1 / (1 + np.exp(-logits.astype(np.float64)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        shape = [columns[name].astype(np.float32) for name in _SHAPE]
+        opacities = (1 / (1 + np.exp(-shape[10].astype(np.float64)))).astype(np.float32)
+        scales = np.exp(np.stack(shape[3:6], axis=1))
+        sh = np.empty((len(opacities), 1 + count // 3, 3), np.float32)
+        for number, name in enumerate((*_DIRECT, *rests)):
+            channel, harmonic = divmod(number - 3, count // 3) if number > 2 else (number, -1)
+            sh[:, harmonic + 1, channel] = columns[name]
+    means, rotations = np.stack(shape[:3], axis=1), np.stack(shape[6:10], axis=1)
+    return {"means": means, "scales": scales, "rotations": rotations, "opacities": opacities, "sh": sh}

@@ -53,8 +53,8 @@ _List = tuple[NDArray[Any], NDArray[Any]]
 class _Text:
     """Rows as numbers in text."""
 
-    def __init__(self, body: bytes) -> None:
-        text = body.decode("ascii")
+    def __init__(self, body: memoryview) -> None:
+        text = str(body, "ascii")
         self._numbers: NDArray[np.float64] = np.fromstring(text, sep=" ") if text.strip() else np.empty(0)
         self.at = 0
 
@@ -85,7 +85,7 @@ class _Text:
 class _Binary:
     """Rows as bytes."""
 
-    def __init__(self, body: bytes, order: str) -> None:
+    def __init__(self, body: memoryview, order: str) -> None:
         self._body, self._order = body, order
         self.at = 0
 
@@ -116,7 +116,7 @@ class _Binary:
         return found.view(self._order + kind).ravel()
 
     def left(self) -> int:
-        return len(self._body[self.at :].strip())
+        return len(bytes(self._body[self.at :]).strip())
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
@@ -169,11 +169,10 @@ def read_columns(data: bytes) -> dict[str, NDArray[Any]]:
     return {item.name: columns[item.name] for item in element.properties if not item.counted}
 
 
-def column_bytes(names: list[str], rows: NDArray[np.float32]) -> bytes:
-    """Return a binary file of vertices with these properties, a column of `rows` each."""
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    header += [*(f"property float {name}" for name in names), "end_header", ""]
-    return "\n".join(header).encode("ascii") + np.ascontiguousarray(rows, "<f4").tobytes()
+def column_bytes(columns: dict[str, NDArray[np.floating[Any]]]) -> bytes:
+    """Return a binary file of vertices with these properties, as float32."""
+    header, rows = _vertex_table([("float", name, values) for name, values in columns.items()])
+    return b"".join(["\n".join([*header, "end_header", ""]).encode("ascii"), rows.data])
 
 
 def _tables(data: bytes) -> tuple[dict[str, tuple[_Element, dict[str, Any]]], list[str]]:
@@ -193,18 +192,23 @@ def mesh_bytes(mesh: MeshArrays) -> bytes:
         columns += [("float", f"n{name}", mesh.normals[:, axis]) for axis, name in enumerate("xyz")]
     if mesh.colors is not None:
         columns += [("uchar", name, mesh.colors[:, channel]) for channel, name in enumerate(_COLORS[0])]
-    vertices = np.empty(len(mesh.vertices), [(name, "<" + _KINDS[kind]) for kind, name, _ in columns])
-    for _, name, values in columns:
-        vertices[name] = values
+    header, vertices = _vertex_table(columns)
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, mesh.faces
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    header += [f"property {kind} {name}" for kind, name, _ in columns]
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
     return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
 
 
-def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:
+def _vertex_table(columns: list[tuple[str, str, NDArray[Any]]]) -> tuple[list[str], NDArray[Any]]:
+    """The header's lines and the rows of vertices with columns (kind, name, values)."""
+    rows = np.empty(len(columns[0][2]), [(name, "<" + _KINDS[kind]) for kind, name, _ in columns])
+    for _, name, values in columns:
+        rows[name] = values
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    return header + [f"property {kind} {name}" for kind, name, _ in columns], rows
+
+
+def _header(data: bytes) -> tuple[list[_Element], str, memoryview, list[str]]:
     """The tables, the byte order (empty for text), the content after the header, and the textures' names."""
     end = data.find(b"end_header", 0, _HEADER_MAX)
     text = data[: max(end, 0)].decode("utf-8", "surrogateescape")
@@ -212,7 +216,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:
     if end < 0 or lines[0].strip() != "ply":
         raise ValueError("no header that opens with ply and ends with end_header")
     length = len(b"end_header") + (2 if data[end:].startswith(b"end_header\r\n") else 1)
-    body, order, elements = data[end + length :], None, list[_Element]()
+    body, order, elements = memoryview(data)[end + length :], None, list[_Element]()
     for words in (line.split() for line in lines[1:]):
         if words[:1] == ["format"]:
             order = _ORDERS[words[1]]

@@ -40,7 +40,7 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
     whole.filled = any(target.filled for target in targets)
     guesses = any(target.guesses is not None for target in targets)
     defines = {"ORIGINS": int(whole.source is not None), "CLASSES": int(whole.classes is not None)}
-    blended = all(target.alpha is not None for target in targets)
+    blended = targets[0].alpha is not None
     if blended:
         whole.alpha = empty(whole.depth.shape, np.float32)
     defines |= {"GUESSES": int(guesses), "ALPHA": int(blended)}
@@ -67,6 +67,7 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
             first=number == 0,
             linear=all(target.mixable for target in targets),
             filled=int(whole.filled),
+            **target.background_arguments,
             **whole.outputs(),
             **told,
         )

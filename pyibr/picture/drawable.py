@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol, cast, runtime_checkable
 
@@ -78,15 +79,16 @@ class Finishing(Protocol):
 
 @runtime_checkable
 class Blending(Protocol):
-    """A thing that is not opaque. It is blended after all other things are drawn and finished."""
+    """A thing that is not opaque, and casts no shadow. It is blended after all other things are drawn and finished."""
 
     @staticmethod
     def blend_together(things: Sequence[Any], target: Target, lighting: Lighting | None) -> None:
         """Blend all of a picture's things with this same function, in front of the surface in the target.
 
-        Multiply the target's colours by the light that passes, and add the things' own. Set `Target.alpha` to the
-        picture's opacity: before, it is 1 where the picture is valid, unless an earlier function has set it. Where half
-        of the light is stopped, set the depth, and `valid` to 1. The picture should not depend on the things' order.
+        Multiply the target's colours by the light that passes, and add the things' own. Update `Target.alpha`, the
+        picture's opacity, which begins as 1 where the picture is valid, else 0. Where half of the light is stopped, set
+        the depth, and `valid` to 1. The picture should not depend on the things' order. Things of several functions are
+        blended function by function, in the order of their first things.
         """
         ...
 
@@ -96,7 +98,11 @@ def blend_things(drawables: Iterable[Drawable], target: Target, lighting: Lighti
     together: dict[Callable[..., None], list[Drawable]] = {}
     for drawable in drawables:
         if hasattr(drawable, "blend_together"):
-            together.setdefault(type(cast("Any", drawable)).blend_together, []).append(drawable)
+            kind = cast("Any", type(drawable))
+            if not isinstance(inspect.getattr_static(kind, "blend_together", None), staticmethod):
+                raise ArgumentError("things", "classes with a static method `blend_together`", kind.__qualname__)
+            together.setdefault(kind.blend_together, []).append(drawable)
+            target.made_alpha()
     for blend, things in together.items():
         blend(things, target, lighting)
 

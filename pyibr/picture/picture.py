@@ -65,7 +65,7 @@ class PictureParts:
         own = whole if self._fine.lens is None else None
         parts: list[Target] = []
         for camera in self._cameras:
-            parts.append(Target(camera, out=own, **kind))
+            parts.append(Target(camera, out=own, side=self._side, **kind))
             draw(parts[-1])
         joined = joined_faces(parts, self._fine, whole)
         return joined if self._side == 1 else _averaged(joined, self._camera, self._side, out)

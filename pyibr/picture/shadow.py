@@ -109,10 +109,10 @@ def lighting(
     A light keeps the maps of its last scene: pictures from other cameras reuse them as long as no thing changes. Maps
     are kept only if all things are `Immutable`; others may change unnoticed.
 
-    bounds: (low, high) of each thing, in the world. draw: draws all shadow casters into a target whose colours have the
+    bounds: (low, high) of each thing that casts shadows, in the world. draw: draws all shadow casters into a target whose colours have the
     `dtype` of the picture.
     """
-    if not light.shadow_size:
+    if not light.shadow_size or not bounds:
         return Lighting(light)
     last = cached_on_device(light, "seen", lambda: list[_CachedMaps]())
     for seen in list(last):  # a copy: another thread may draw maps of another scene

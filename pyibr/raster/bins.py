@@ -13,7 +13,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.opencl.program import kernel
+from pyibr.opencl.program import Kernel, kernel
 from pyibr.picture.target import Target
 
 _UNSYNCHRONIZED = 1 << 22  # longest list that is allocated without asking the device for the length
@@ -77,7 +77,7 @@ def bin_primitives(
     count, each = corners.shape
     profile, defines = current().profile, {"CORNERS": each} | bin_defines(each) | defines
     columns, rows = (-(-size // defines["BIN"]) for size in target.camera.size)
-    boxes = empty((count, 4), np.int16)
+    boxes = empty((count, 4), np.uint16)
     view: dict[str, Any] = {"projected": projected, "screen": Struct("Screen", target.screen(near)), "nearest_w": near}
     culled = int(constant("raster/triangle.h", _CULLED[sides]))
 
@@ -97,10 +97,11 @@ def bin_primitives(
 
 
 def list_boxes(boxes: DeviceArray, columns: int, rows: int, **defines: int) -> tuple[DeviceArray, DeviceArray]:
-    """List the boxes, (N, 4) int16, that touch each bin, in their order, bin by bin.
+    """List the boxes, (N, 4) uint16, that touch each bin, in their order, bin by bin.
 
     A box holds the first and the last bin in x, and the first and the last one in y. Returns the list of indices, and
-    the (bins + 1,) starts of the bins in it. `defines` choose the build of kernels/raster/bins.cl.
+    the (bins + 1,) starts of the bins in it. `defines` choose another build of
+    kernels/raster/bins.cl than that for triangles; the kernels are the same.
     """
     count, bins = boxes.shape[0], columns * rows
     chunk = max(-(-count // min(current().profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)
@@ -109,7 +110,7 @@ def list_boxes(boxes: DeviceArray, columns: int, rows: int, **defines: int) -> t
     shared: dict[str, Any] = {"boxes": boxes, "counts": counts, "primitives": count, "chunk": chunk}
     shared |= {"bins_x": columns, "bins_y": rows}
     counts.fill(0)
-    launch(kernel("raster/bins.cl", "count_bins", **defines), (chunks,), **shared)
+    launch(_list_kernel("count_bins", defines), (chunks,), **shared)
     starts, totals = place_counts(counts, columns, rows, **defines)
     # To read the lists' length from the device takes a wait for all earlier launches.
     longest = count * bins
@@ -117,8 +118,12 @@ def list_boxes(boxes: DeviceArray, columns: int, rows: int, **defines: int) -> t
     if length > _NUMBERED_MAX:
         raise OutOfMemoryError(f"the picture's parts list {length} primitives in all, more than {_NUMBERED_MAX}")
     found = empty((max(length, 1),), np.int32)
-    launch(kernel("raster/bins.cl", "fill_bins", **defines), (chunks,), list=found, **shared)
+    launch(_list_kernel("fill_bins", defines), (chunks,), list=found, **shared)
     return found, starts
+
+
+def _list_kernel(name: str, defines: dict[str, int]) -> Kernel:
+    return kernel("raster/bins.cl", name, **(defines or {"CORNERS": 3, **bin_defines(3)}))
 
 
 def place_counts(counts: DeviceArray, columns: int, rows: int, **defines: int) -> tuple[DeviceArray, DeviceArray]:
@@ -133,7 +138,7 @@ def place_counts(counts: DeviceArray, columns: int, rows: int, **defines: int) -
     grid = {"bins_x": columns, "bins_y": rows}
 
     def run(name: str, *items: int, **arguments: Any) -> None:
-        launch(kernel("raster/bins.cl", name, **defines), items, **arguments)
+        launch(_list_kernel(name, defines), items, **arguments)
 
     run("total_bins", bins, **sums, bins=bins)
     run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import pyibr as ibr
 
-SHARP, SIGMAS = 0.01, 3.5  # as in kernels/gaussians/project.cl
+SHARP, PLANE_SIGMAS = 0.01, 3.5  # as in kernels/gaussians/project.cl
 Float64 = NDArray[np.float64]
 
 
@@ -37,7 +37,7 @@ def axes_of(rotations: Float64) -> Float64:
 
 
 def projected(cloud: ibr.Gaussians, camera: ibr.Camera) -> list[tuple[float, ...]]:
-    """(z, u, v, covariance uu uv vv, opacity, gradient of nearness, its bounds, colour) of the Gaussians drawn."""
+    """(distance, u, v, covariance uu uv vv, opacity, gradient of nearness, its bounds, colour) of those drawn."""
     K, (width, height) = camera.K, camera.size
     turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
     x, y, z = (cloud.means.astype(np.float64) @ turn.T + shift).T
@@ -57,19 +57,19 @@ def projected(cloud: ibr.Gaussians, camera: ibr.Camera) -> list[tuple[float, ...
     flat = J @ spread @ J.transpose(0, 2, 1)
     center = camera.world_from_camera[:3, 3]
     d = cloud.means - center if camera.projection == "perspective" else np.tile(turn[2], (len(cloud), 1))
-    d = d / np.linalg.norm(d, axis=1, keepdims=True)
-    basis = harmonics(d)[:, : cloud.sh.shape[1]]
+    far = np.linalg.norm(d, axis=1)
+    basis = harmonics(d / far[:, None])[:, : cloud.sh.shape[1]]
     color = np.maximum((basis[..., None] * cloud.sh.astype(np.float64)).sum(axis=1) + 0.5, 0)
     deviation = np.sqrt(flat[:, 2, 2]) * (z * z if camera.projection == "perspective" else 1)
-    ends = z + SIGMAS * deviation, np.maximum(z - SIGMAS * deviation, cloud.near)
+    ends = z + PLANE_SIGMAS * deviation, np.maximum(z - PLANE_SIGMAS * deviation, cloud.near)
     least, most = (1 / end if camera.projection == "perspective" else -end for end in ends)
     slope = np.linalg.solve(flat[:, :2, :2] + SHARP * np.eye(2), flat[:, :2, 2:])[..., 0]
     flat = flat[:, :2, :2] + cloud.low_pass * np.eye(2)
     made = zip(
-        z, u, v, flat[:, 0, 0], flat[:, 0, 1], flat[:, 1, 1], cloud.opacities.astype(np.float64), nearness,
+        far if camera.projection == "perspective" else z, u, v, flat[:, 0, 0], flat[:, 0, 1], flat[:, 1, 1], cloud.opacities.astype(np.float64), nearness,
         *slope.T, least, most, *color.T, strict=True,
     )  # fmt: skip
-    return [one for one in made if one[0] > cloud.near and one[6] > 1 / 255]
+    return [one for one, depth in zip(made, z, strict=True) if depth > cloud.near and one[6] > 1 / 255]
 
 
 def blended(
