@@ -101,7 +101,7 @@ kernel void bound_primitives(global const int *corners, global const float *proj
     for (int start = first; start < last; start += LANES) {
         const Boxes box = boxes_of(corners, projected, min(start + lane_index, (intl)(last - 1)), screen, nearest_w,
                                    culled);
-        store_boxes(box, last - start, boxes + 4 * start);
+        store_boxes(box, last - start, boxes + (size_t)4 * start);
     }
 }
 

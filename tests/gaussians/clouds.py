@@ -26,6 +26,10 @@ def camera(size: tuple[int, int] = (131, 97), projection: str = "perspective") -
 
 def shuffled(thing: ibr.Gaussians, seed: int = 1) -> ibr.Gaussians:
     """The same Gaussians in another order."""
-    order = np.random.default_rng(seed).permutation(len(thing))
-    arrays = (thing.means, thing.scales, thing.rotations, thing.opacities)
-    return ibr.Gaussians(*(array[order] for array in arrays), sh=thing.sh[order])
+    return like(thing, np.random.default_rng(seed).permutation(len(thing)))
+
+
+def like(thing: ibr.Gaussians, chosen: object = slice(None), **changes: object) -> ibr.Gaussians:
+    """Some of the Gaussians, with other values or options."""
+    names = ("means", "scales", "rotations", "opacities", "sh")
+    return ibr.Gaussians(**{**{name: getattr(thing, name)[chosen] for name in names}, **changes})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from tests.gaussians.clouds import camera, cloud, shuffled
+from tests.gaussians.clouds import camera, cloud, like, shuffled
 from tests.one_lane import both_forms
 from tests.reference.gaussians import blended
 
@@ -42,13 +42,13 @@ def test_long_thin_and_large_ones_equal_the_reference():
     check(ibr.render(thing, view), blended([thing], view))
 
 
-def test_no_low_pass_leaves_small_ones_as_they_are():
+@pytest.mark.parametrize("changes", [{"low_pass": 0}, {"near": 4.0}, {"sh": 20 * cloud(500).sh}], ids=str)
+def test_options_and_bright_colours_equal_the_reference(changes):
     thing, view = cloud(500, size=0.02), camera()
-    arrays = (thing.means, thing.scales, thing.rotations, thing.opacities)
-    sharp = ibr.Gaussians(*arrays, sh=thing.sh, low_pass=0)
-    frame = ibr.render(sharp, view)
-    check(frame, blended([sharp], view))
-    assert frame.alpha.mean() < ibr.render(thing, view).alpha.mean()
+    other = like(thing, **changes)
+    frame = ibr.render(other, view)
+    check(frame, blended([other], view))
+    assert ("sh" in changes) == (frame.alpha.mean() == ibr.render(thing, view).alpha.mean())
 
 
 def test_both_forms_of_the_kernels_agree():
