@@ -11,7 +11,7 @@
  * the opacity, and for each harmonic red, green and blue (harmonics.h). `screen` maps points relative to `origin`, the
  * camera's centre in single precision. Outputs, from element `first` on: records: Splats. boxes: raster/boxes.h. keys:
  * the bits of the mean's squared distance from `origin` (orthographic: of its depth), which sort as the distances do,
- * or INVISIBLE. Faces of a cube sort alike by distance. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians).
+ * or NOT_DRAWN. Faces of a cube sort alike by distance. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians).
  * Determinism: Gaussians are independent.
  */
 #include "gaussians/harmonics.h"
@@ -119,7 +119,7 @@ INLINED void project_packet(global const float *planes, int pitch, int degree, V
     store_boxes(box, LANES, boxes);
     const intl seen = box.low_x <= box.high_x;
     const floatl far = screen.perspective ? DOT(p, p) : z;
-    store_lanes(as_uintl(select_lanes(seen, as_intl(far), (intl)INVISIBLE)), keys);
+    store_lanes(as_uintl(select_lanes(seen, as_intl(far), (intl)NOT_DRAWN)), keys);
     if (!any_lane(seen))
         return;
     global const float *coefficients = planes + (size_t)SHAPE * pitch;

@@ -34,7 +34,7 @@ kernel void count_digits(global const uint *keys, global const int *visible, int
     for (int digit = 0; digit < DIGITS; digit++)
         mine[digit] = 0;
     for (int i = chunk_start(c, chunks, elements); i < last; i++)
-        if (keys[i] != INVISIBLE)
+        if (keys[i] != NOT_DRAWN)
             mine[DIGIT(keys[i], shift)]++;
 }
 
@@ -48,7 +48,7 @@ kernel void move_by_digit(global const uint *keys, global const int *places, glo
     const int elements = shift ? visible[DIGITS] : count, last = chunk_start(c + 1, chunks, elements);
     global int *mine = counts + (size_t)c * DIGITS;
     for (int i = chunk_start(c, chunks, elements); i < last; i++) {
-        if (keys[i] == INVISIBLE)
+        if (keys[i] == NOT_DRAWN)
             continue;
         const int to = mine[DIGIT(keys[i], shift)]++;
         moved_keys[to] = keys[i];

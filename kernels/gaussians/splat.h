@@ -13,7 +13,7 @@
 
 #define RECORD 16                                  /* floats of a SplatRecord */
 #define LEAST_OPACITY_LOG2 (-7.9943534368588579f) /* log2(1 / 255): a smaller opacity counts as 0 */
-#define INVISIBLE 0xFFFFFFFF                       /* sort key of Gaussians that are not drawn */
+#define NOT_DRAWN 0xFFFFFFFF                       /* sort key of Gaussians that are not drawn */
 
 typedef struct {
     float u, v;             /* centre, in pixels */
