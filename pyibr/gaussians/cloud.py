@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from os import PathLike
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,10 @@ Float32 = NDArray[np.float32]
 _SH0 = 0.28209479177387814  # the harmonic of degree 0
 _HARMONICS = (1, 4, 9, 16)
 _REACH = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
+_INSERTIONS = (
+    (32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)  # fmt: skip
 
 
 class Gaussians(Immutable):
@@ -90,11 +94,13 @@ class Gaussians(Immutable):
         if not count:
             raise ArgumentError("means", "at least one Gaussian", "an empty array")
         self.scales = _checked("scales", scales, (count, 3), 0.0)
-        self.rotations = _unit("rotations", numbers("rotations", rotations, (count, 4)))
+        self.rotations = _unit(numbers("rotations", rotations, (count, 4)))
         self.opacities = _checked("opacities", opacities, (count,), 0.0, 1.0)
         if (colors is None) == (sh is None):
             raise ArgumentError("colors", "either `colors` or `sh`", "neither" if sh is None else "both")
-        self.sh = _harmonics_of(colors, count) if sh is None else _checked_harmonics(sh, count)
+        self.sh = _harmonics_of(colors, count) if sh is None else _checked("sh", sh, (count, None, 3), -LARGEST)
+        if self.sh.shape[1] not in _HARMONICS:
+            raise ArgumentError("sh", "1, 4, 9 or 16 coefficients, (N, K, 3)", describe(self.sh))
         self.low_pass = number_from("low_pass", low_pass, 0, 1e6, "a variance in pixels^2, from 0 to 1e6")
         self.near = number_from("near", near, 1e-6, 1e9, "a depth in scene units, from 1e-6 to 1e9")
 
@@ -145,9 +151,13 @@ class Gaussians(Immutable):
         """
         write_gaussians(path, self._columns)
 
-    @cached_property
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: a box around the visible part of every Gaussian."""
+        return self._bounds
+
+    @cached_property
+    def _bounds(self) -> tuple[Float64, Float64]:
         reach = _REACH * self.scales.max(axis=1, keepdims=True).astype(np.float64)
         return (self.means - reach).min(axis=0), (self.means + reach).max(axis=0)
 
@@ -171,79 +181,44 @@ class Gaussians(Immutable):
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
-        """Order of the Gaussians on the device: along a Morton curve, ties by all numbers.
-
-        Neighbours in space are neighbours in memory.
-        """
+        """Order on the device: along a Morton curve, on which neighbours lie together; ties by all numbers."""
         low, high = self.means.min(axis=0).astype(np.float64), self.means.max(axis=0).astype(np.float64)
         cells = (self.means - low) * (0x1FFFFF / np.maximum(high - low, 1e-30).max())
-        codes = np.zeros(len(self), np.uint64)
-        for axis in range(3):
-            codes |= _spread(cells[:, axis].astype(np.uint64)) << np.uint64(axis)
+        spread = cells.astype(np.uint64).T  # 21 bits, between which two zeros each are inserted
+        for shift, mask in _INSERTIONS:
+            spread = (spread | (spread << np.uint64(shift))) & np.uint64(mask)
+        codes = spread[0] | spread[1] << np.uint64(1) | spread[2] << np.uint64(2)
         order = np.argsort(codes, kind="stable")
-        equal = codes[order][1:] == codes[order][:-1]
-        if equal.any():
-            tied = np.zeros(len(order), np.bool_)
-            tied[1:] |= equal
-            tied[:-1] |= equal
-            chosen = order[tied]
-            keys = [column[chosen] for column in (*reversed(self._columns), codes)]
-            order[tied] = chosen[np.lexsort(keys)]
+        equal = np.diff(codes[order]) == 0
+        tied = np.append(equal, False) | np.append(False, equal)
+        chosen = order[tied]
+        order[tied] = chosen[np.lexsort([column[chosen] for column in (*reversed(self._columns), codes)])]
         return order
 
 
-def _unit(argument: str, quaternions: Float64) -> Float32:
+def _unit(quaternions: Float64) -> Float32:
     """Return quaternions at unit length, those at unit length unchanged, or raise ArgumentError."""
     largest = np.maximum(np.abs(quaternions).max(axis=1, keepdims=True), 1e-300)  # avoids overflow of the squares
     length = np.linalg.norm(quaternions / largest, axis=1, keepdims=True)
     if not (length > 0).all():
         zeros = np.count_nonzero(length == 0)
-        raise ArgumentError(argument, "quaternions (w, x, y, z) of a length > 0", f"{zeros} of length 0")
+        raise ArgumentError("rotations", "quaternions (w, x, y, z) of a length > 0", f"{zeros} of length 0")
     is_unit = np.abs(length * largest - 1) < 1e-6
     return locked(np.where(is_unit, quaternions, quaternions / largest / length).astype(np.float32))
 
 
-def _spread(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Insert two zero bits after each of the 21 low bits."""
-    spread = cells & np.uint64(0x1FFFFF)
-    for shift, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        spread = (spread | (spread << np.uint64(shift))) & np.uint64(mask)
-    return spread
-
-
-def _checked(
-    argument: str, value: ArrayLike, shape: tuple[int | None, ...], least: float, most: float = LARGEST
-) -> Float32:
+def _checked(argument: str, value: Any, shape: tuple[int | None, ...], least: float, most: float = LARGEST) -> Float32:
     """Return finite numbers of a shape, from `least` to `most`, as float32, or raise ArgumentError."""
-    array: NDArray[Any] = value if _is_float32(value, shape) else numbers(argument, value, shape)
-    if array.size:
-        low, high = float(array.min()), float(array.max())
-        if not (low >= least and high <= most):  # also NaN
-            if not np.isfinite([low, high]).all():
-                numbers(argument, array, shape)  # raises the usual error
-            raise ArgumentError(argument, f"numbers from {least:g} to {most:g}", f"{low} to {high}")
+    is_stored = type(value) is np.ndarray and value.dtype == np.float32 and fits(value, shape)
+    array = value if is_stored else numbers(argument, value, shape)  # which takes three times the memory
+    low, high = (float(array.min()), float(array.max())) if array.size else (least, least)
+    if not (low >= least and high <= most):  # also NaN
+        numbers(argument, array, shape)  # raises the usual error if some are not finite
+        raise ArgumentError(argument, f"numbers from {least:g} to {most:g}", f"{low} to {high}")
     return locked(array.astype(np.float32, copy=False))
-
-
-def _is_float32(value: ArrayLike, shape: tuple[int | None, ...]) -> TypeGuard[Float32]:
-    """Tell whether a value need not be converted, which would take three times its memory."""
-    return type(value) is np.ndarray and value.dtype == np.float32 and fits(value, shape)
 
 
 def _harmonics_of(colors: ArrayLike | None, count: int) -> Float32:
     stored = checked_colors("colors", colors, (count, 3))
     shown = stored / np.float64(255) if stored.dtype == np.uint8 else stored.astype(np.float64)
     return locked(((shown - 0.5) / _SH0).astype(np.float32)[:, None])
-
-
-def _checked_harmonics(sh: ArrayLike, count: int) -> Float32:
-    array = _checked("sh", sh, (count, None, 3), -LARGEST)
-    if array.shape[1] not in _HARMONICS:
-        raise ArgumentError("sh", "1, 4, 9 or 16 coefficients, (N, K, 3)", describe(array))
-    return array

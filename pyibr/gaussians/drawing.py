@@ -41,8 +41,8 @@ class Planes:
     @cached_property
     def digest(self) -> bytes:
         """Digest of the Gaussians and the options."""
-        made = hashlib.blake2b(np.array([self.low_pass, self.near]))
-        made.update(self.values.to_host())
+        made = hashlib.blake2b(np.array([self.low_pass, self.near]).data)
+        made.update(self.values.to_host().data)
         return made.digest()
 
 

@@ -31,9 +31,9 @@ def read_gaussians(path: str | PathLike[str]) -> dict[str, NDArray[np.float32]]:
         raise FileFormatError(f"{file}: a file of Gaussians ends in .ply (or .ply.gz)")
     with reading(file, "PLY of 3D Gaussians") as source:
         found = _arrays_of(ply.read_columns(read_bytes(source)))
-        kept = found["rotations"].any(axis=1)
+        kept = np.array(found["rotations"].any(axis=1))
         for array in found.values():
-            kept &= (np.abs(array) <= LARGEST).reshape(len(kept), -1).all(axis=1)  # false for NaN
+            kept &= (np.abs(array) <= LARGEST).reshape(len(array), -1).all(axis=1)  # false for NaN
         left_out = np.count_nonzero(~kept)
         bad = "values that are not finite or exceed 1e9, or quaternions of length 0"
         if left_out == len(kept):
@@ -57,8 +57,8 @@ def write_gaussians(path: str | PathLike[str], columns: Sequence[NDArray[np.floa
         stored |= {name: np.log(stored[name].astype(np.float64)) for name in _SHAPE[3:6]}
         stored["opacity"] = np.log(opacities) - np.log1p(-opacities)
     stored |= dict(zip(_DIRECT, columns[11:], strict=False))
-    by_channel = [rest[first::3] for first in range(3)]
-    stored |= {f"f_rest_{number}": column for number, column in enumerate(sum(by_channel, []))}
+    by_channel = [column for first in range(3) for column in rest[first::3]]
+    stored |= {f"f_rest_{number}": column for number, column in enumerate(by_channel)}
     zeros = dict.fromkeys(("nx", "ny", "nz"), np.zeros(len(opacities)))
     write_atomically(file, ply.column_bytes(stored | zeros))
 

@@ -169,7 +169,7 @@ def read_columns(data: bytes) -> dict[str, NDArray[Any]]:
     return {item.name: columns[item.name] for item in element.properties if not item.counted}
 
 
-def column_bytes(columns: dict[str, NDArray[np.floating[Any]]]) -> bytes:
+def column_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
     """Return a binary file of vertices with these properties, as float32."""
     header, rows = _vertex_table([("float", name, values) for name, values in columns.items()])
     return b"".join(["\n".join([*header, "end_header", ""]).encode("ascii"), rows.data])

@@ -109,8 +109,8 @@ def lighting(
     A light keeps the maps of its last scene: pictures from other cameras reuse them as long as no thing changes. Maps
     are kept only if all things are `Immutable`; others may change unnoticed.
 
-    bounds: (low, high) of each thing that casts shadows, in the world. draw: draws all shadow casters into a target whose colours have the
-    `dtype` of the picture.
+    bounds: (low, high) of each thing that casts shadows, in the world. draw: draws them into a target whose colours
+    have the `dtype` of the picture.
     """
     if not light.shadow_size or not bounds:
         return Lighting(light)
