@@ -14,7 +14,7 @@ from tests import scenes
 from tests.exact import same_bits
 from tests.gaussians.clouds import camera, cloud, like, shuffled
 from tests.gaussians.test_reference import check
-from tests.reference.gaussians import blended
+from tests.reference.gaussians import axes_of, blended
 
 
 def wall(z: float, slope: float = 0.0) -> ibr.Mesh:
@@ -60,60 +60,38 @@ def test_a_wall_through_a_cloud_hides_to_the_pixel(projection):
     assert behind.any() and (frame.depth <= bare.depth).all()
 
 
-def plane(count: int = 40000) -> tuple[ibr.Gaussians, np.ndarray, float]:
-    """Flat Gaussians on a plane, its normal, and the product of the normal and a point of it."""
-    rng = np.random.default_rng(0)
-    normal, right = np.array([0.6, 0.3, -0.742]), np.array([0.0, 0.927, 0.375])
-    normal /= np.linalg.norm(normal)
-    right = np.cross(normal, right / np.linalg.norm(right))
-    right /= np.linalg.norm(right)
-    down = np.cross(normal, right)
-    a, b = rng.uniform(-6, 6, (2, count))
-    means = np.array([0, 0, 4.0]) + a[:, None] * right + b[:, None] * down
-    trace = np.stack([right, down, normal], axis=1)
-    w = 0.5 * np.sqrt(1 + np.trace(trace))
-    odd = np.array([trace[2, 1] - trace[1, 2], trace[0, 2] - trace[2, 0], trace[1, 0] - trace[0, 1]])
-    rotations = np.tile([w, *(odd / (4 * w))], (count, 1))
-    scales = np.exp(rng.normal(np.log(0.09), 0.4, (count, 3))) * (1, 1, 0)
-    made = ibr.Gaussians(means, scales, rotations, np.full(count, 0.8), colors=rng.random((count, 3)))
-    return made, normal, float(normal @ [0, 0, 4.0])
-
-
 def test_the_depth_of_a_slanted_plane_is_that_of_the_plane():
-    thing, normal, offset = plane()
-    view = ibr.Camera([[150, 0, 80], [0, 150, 60], [0, 0, 1]], (161, 121))
-    frame = ibr.render(thing, view)
-    y, x = np.mgrid[:121, :161]
-    truth = offset / (np.stack([(x - 80) / 150, (y - 60) / 150, np.ones(x.shape)], axis=-1) @ normal)
-    near = (truth > 0.5) & (truth < 7)
+    """Beside it, Gaussians that are turned towards the camera have the depths of their centres."""
+    rng, count, turn = np.random.default_rng(0), 40000, [np.cos(0.35), 0.6 * np.sin(0.35), 0.8 * np.sin(0.35), 0]
+    means = np.append(rng.uniform(-8, 8, (count, 2)), np.full((count, 1), 4), axis=1)
+    scales, rotations = np.exp(rng.normal(np.log(0.12), 0.4, (count, 3))) * (1, 1, 0), np.tile([1, 0, 0, 0], (count, 1))
+    thing = ibr.Gaussians(means, scales, rotations, np.full(count, 0.8), colors=rng.random((count, 3)))
+    pose = np.eye(4)
+    pose[:3, :3] = axes_of(np.array([turn]))[0]
+    view = ibr.Camera([[150, 0, 80], [0, 150, 60], [0, 0, 1]], (161, 121), pose)
+    truth, frame, turned = (
+        ibr.render(one, view) for one in (wall(4.0), thing, like(thing, rotations=0 * rotations + turn))
+    )
+    near = truth.depth < 7
     assert near.mean() > 0.7 and frame.valid[near].all()
-    flat_ones = like(thing, rotations=np.tile([1, 0, 0, 0], (len(thing), 1)))  # planes parallel to the picture
-    right, by_centres = (np.abs(one.depth / truth - 1)[near] < 1e-3 for one in (frame, ibr.render(flat_ones, view)))
+    right, by_centres = (np.abs(one.depth / truth.depth - 1)[near] < 1e-3 for one in (frame, turned))
     assert right.mean() > 0.99 and by_centres.mean() < 0.2
 
 
-def test_alpha_and_the_background():
-    thing, view = cloud(150), camera()
-    black, white = ibr.render(thing, view), ibr.render(thing, view, background=(255, 255, 255))
-    assert ((black.alpha > 0) & ~black.valid).any() and (black.alpha == 0).any()
-    rest = 255 * (1 - black.alpha[..., None])
-    assert np.abs(white.color - np.minimum(black.color + rest, 255)).max() <= 1
-    np.testing.assert_array_equal(black.valid, black.alpha >= 0.5)
-
-
 def test_fills_and_the_background_come_before_gaussians():
-    view = scenes.holed((131, 97))
+    view, around = scenes.holed((131, 97)), (255, 250, 245)
     thing, holes = cloud(100, size=0.1), ibr.WarpedView(view, fill="background")
     for eye in (view.camera, camera().moved(1.5, 0, 0)):
-        filled = ibr.render(holes, eye, background=(255, 250, 245))
-        frame = ibr.render([thing, holes], eye, background=(255, 250, 245))
+        filled = ibr.render(holes, eye, background=around)
+        frame = ibr.render([thing, holes], eye, background=around)
         expected = blended([thing], eye, filled.depth, filled.color / 255)
         check(frame, expected, ~filled.valid)
         assert np.abs(frame.color / 255 - expected[0]).max() <= 1 / 255
-        clear = (frame.alpha == 0) & ~filled.valid
-        assert clear.any()
-        np.testing.assert_array_equal(frame.color[clear], filled.color[clear])
-    assert (np.isnan(filled.depth) & (frame.alpha > 0.5)).any()
+        np.testing.assert_array_equal(frame.color[frame.alpha == 0], filled.color[frame.alpha == 0])
+    assert (np.isnan(filled.depth) & (frame.alpha > 0.5)).any() and (frame.alpha == 0).any()
+    alone = ibr.render(thing, eye)
+    assert ((alone.alpha > 0) & ~alone.valid).any()
+    np.testing.assert_array_equal(alone.valid, alone.alpha >= 0.5)
 
 
 @pytest.mark.parametrize("samples", [4, 9])
@@ -209,12 +187,12 @@ def test_several_kinds_of_blended_things():
     assert half.alpha.min() == 1
     order = []
 
-    def kind(name):
-        return type(name, (Veil,), {"blend_together": staticmethod(lambda things, *_: order.append(name * len(things)))})()
-
-    ibr.render([kind("a"), wall(9), kind("b"), kind("c")], camera())
-    assert order == ["a", "b", "c"]
-    with pytest.raises(ibr.ArgumentError, match="things: expected classes with a static method `blend_together`, got "):
+    kinds = [type(name, (Veil,), {"blend_together": lambda *_, name=name: order.append(name)}) for name in "abc"]
+    for kind in kinds:
+        kind.blend_together = staticmethod(kind.blend_together)
+    ibr.render([kinds[2](), kinds[0](), wall(9), kinds[2](), kinds[1]()], camera())
+    assert order == ["c", "a", "b"]
+    with pytest.raises(ibr.ArgumentError, match="things: expected classes with a static method `blend_together`"):
         ibr.render(Fog(), camera())
 
 
