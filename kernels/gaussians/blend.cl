@@ -2,16 +2,14 @@
  * section 6).
  *
  * Each pixel goes through the list of its bin. A splat's opacity there is at most OPACITY_MAX; below 1/255 it counts as
- * 0, as in the program of Kerbl et al. A splat is drawn if its plane is nearer than the picture's surface at the pixel.
- * A pixel is done when its transmittance is at most TRANSMITTANCE_MIN. The rest of the light comes from the picture's
- * own colour. Where the transmittance falls to one half, the depth becomes that of this splat's plane on the pixel's
- * ray, and `valid` 1.
+ * 0. A splat is drawn where its plane is nearer than the surface. A pixel is done when its transmittance is at most
+ * TRANSMITTANCE_MIN; the picture's own colour gets the rest. Where the transmittance falls to one half, the depth
+ * becomes that of this splat's plane, and `valid` 1.
  *
- * list, starts: the bins' splats in the order of depth (raster/bins.cl), as indices into `places`. places: indices of
- * records. records: Splats. depth, color, valid: the picture. alpha: (height, width) the picture's opacity.
- * Work-item: a bin on a CPU, whose rows are one
- * packet each; a pixel on a GPU. Cost: O(list * rows) on a CPU, O(pixels * list) on a GPU, less where pixels close
- * early. Determinism: each pixel's order is that of the list.
+ * list, starts: the bins' splats (raster/bins.cl), as indices into `places`. places: indices of records, by distance.
+ * records: Splats. depth, color, valid, alpha: the picture and its opacity. Work-item: a bin on a CPU, whose rows are
+ * one packet each; a pixel on a GPU. Cost: O(list * rows) on a CPU, O(pixels * list) on a GPU, less where pixels close
+ * early or surfaces hide splats. Determinism: each pixel's order is that of the list.
  */
 #include "gaussians/splat.h"
 #include "lib/color.h"
@@ -34,10 +32,9 @@ typedef struct {
     Color sum[BIN_ROWS];
     floatl median[BIN_ROWS];  /* nearness where the transmittance falls to one half; EMPTY: nowhere */
     floatl surface[BIN_ROWS]; /* nearness of the picture's surface; EMPTY: none */
-    int x, y, rows;
-    int bounded;   /* whether there is any surface */
-    float hidden;  /* nearness of the farthest surface, behind which no pixel shows a splat; EMPTY: none */
-    uint open;     /* rows, as bits, with a pixel that is not closed */
+    int x, y, rows, bounded;  /* bounded: whether there is any surface */
+    float hidden;             /* nearness of the farthest surface, behind which all is hidden; EMPTY: none */
+    uint open;                /* rows, as bits, with a pixel that is not closed */
 } BlendedPixels;
 
 /* 2^x for x from -126 to 0, to within 2e-7 of the value */
@@ -101,8 +98,7 @@ INLINED void begin_pixels(BlendedPixels *pixels, Screen screen, global const flo
     for (int row = 0; row < pixels->rows; row++) {
         const Color none = {0.0f, 0.0f, 0.0f};
         const floatl z = load_first(depth + (size_t)(pixels->y + row) * screen.width + pixels->x, count, NAN);
-        const intl drawn = z == z;
-        const intl within = (intl)lane_index < count;
+        const intl drawn = z == z, within = (intl)lane_index < count;
         const floatl surface = select_lanes(drawn, DEPTH_OF(screen.perspective, z), (floatl)EMPTY);
         hidden = select_lanes(within, min_lanes(hidden, surface), hidden);
         pixels->surface[ROW_INDEX(row)] = surface;
@@ -134,10 +130,9 @@ INLINED void end_pixels(const BlendedPixels *pixels, Screen screen, global float
         store_first(1.0f - (1.0f - load_first(alpha + at, count, 0.0f)) * rest, alpha + at, count);
         const intl index = min((intl)lane_index, (intl)(count - 1)) + (int)at;
         const Color old = old_color(color, index, screen.width * screen.height), sum = pixels->sum[ROW_INDEX(row)];
-        const floatl top = 1.0f;
-        const Color made = {min_lanes(sum.r + rest * old.r * (1.0f / CHANNEL_MAX), top) * CHANNEL_MAX,
-                            min_lanes(sum.g + rest * old.g * (1.0f / CHANNEL_MAX), top) * CHANNEL_MAX,
-                            min_lanes(sum.b + rest * old.b * (1.0f / CHANNEL_MAX), top) * CHANNEL_MAX};
+        const floatl white = CHANNEL_MAX;
+        const Color made = {min_lanes(sum.r * white + rest * old.r, white), min_lanes(sum.g * white + rest * old.g, white),
+                            min_lanes(sum.b * white + rest * old.b, white)};
         write_first(color + CHANNELS * at, made, count);
         const intl halved = median != EMPTY;
         if (!any_lane(halved))
@@ -162,9 +157,7 @@ kernel void blend_gaussians(global const float *records, global const int *place
     begin_pixels(&pixels, screen, depth);
     const int last = starts[bin + 1];
     for (int i = starts[bin]; i < last && pixels.open; i++) {
-        if (i + AHEAD < last) {
-            prefetch_at(records + RECORD * (size_t)places[list[i + AHEAD]]);
-        }
+        prefetch_at(records + RECORD * (size_t)places[list[min(i + AHEAD, last - 1)]]);
         blend_splat(&pixels, (global const SplatRecord *)(records + RECORD * (size_t)places[list[i]]));
     }
     end_pixels(&pixels, screen, depth, color, valid, alpha);

@@ -1,18 +1,16 @@
 /* Projects Gaussians to splats (Zwicker et al. 2001, EWA splatting; Kerbl et al. 2023, section 4).
  *
- * The map from the world to pixels and nearness is linearised at each Gaussian's mean. Beyond 15 % outside of the
- * picture it is linearised at that border, as in the program of Kerbl et al. The covariance on the screen is the sum of
- * a_i a_i^T over the three projected axes a_i; `low_pass` is added to its diagonal. Determinants are sums of squares of
- * cross products (Cauchy-Binet), which do not cancel. Deviation: a splat also has a plane, through the mean and, for
- * each pixel, through the place on its ray where the Gaussian is densest. It is the regression of nearness on pixels
- * under the Gaussian; for a flat Gaussian it is the Gaussian's own plane.
+ * The map from the world to pixels and nearness is linearised at each Gaussian's mean, but not farther than 15 % outside
+ * of the picture. The covariance on the screen is the sum of a_i a_i^T over the three projected axes a_i, plus
+ * `low_pass` on its diagonal. Determinants are sums of squares of cross products (Cauchy-Binet), which do not cancel.
+ * Deviation: a splat has a plane, through the mean and, for each pixel, through the place on its ray where the Gaussian
+ * is densest. It is the regression of nearness on pixels; for a flat Gaussian it is the Gaussian's own plane.
  *
  * planes: of `pitch` floats each: mean (3, in the world), scales (3), rotation (4, a unit quaternion w x y z), log2 of
- * the opacity, and for each harmonic red, green and blue (harmonics.h). `screen` maps points relative to `origin`, the
- * camera's centre in single precision. Outputs, from element `first` on: records: Splats. boxes: raster/boxes.h. keys:
- * the bits of the mean's squared distance from `origin` (orthographic: of its depth), which sort as the distances do,
- * or NOT_DRAWN. Faces of a cube sort alike by distance. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians).
- * Determinism: Gaussians are independent.
+ * the opacity, and for each harmonic red, green and blue. `screen` maps points relative to `origin`, the camera's centre
+ * in single precision. Outputs, from element `first` on: records: Splats. boxes: raster/boxes.h. keys: the bits of the
+ * mean's squared distance from `origin`, which is the same in all faces of a cube (orthographic: of its depth), or
+ * NOT_DRAWN. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians). Determinism: Gaussians are independent.
  */
 #include "gaussians/harmonics.h"
 #include "gaussians/splat.h"
@@ -24,17 +22,6 @@
 #define HALF_LOG2_E 0.72134752f
 #define PLANE_SIGMAS 3.5f   /* the plane is used up to so many standard deviations of the depth */
 
-/* A projected axis of LANES Gaussians, times its scale: the change of u, v and nearness */
-typedef struct {
-    floatl u, v, n;
-} ProjectedAxis;
-
-INLINED ProjectedAxis projected_axis(Vector to_u, Vector to_v, Vector to_n, Vector axis, floatl scale)
-{
-    const ProjectedAxis made = {scale * DOT(to_u, axis), scale * DOT(to_v, axis), scale * DOT(to_n, axis)};
-    return made;
-}
-
 /* The gradient of row `row` of the map m over row 2, at a point where this quotient is `value` and row 2 is 1 /
  * `inverse` */
 INLINED Vector gradient(const float *m, int row, floatl value, floatl inverse)
@@ -44,41 +31,31 @@ INLINED Vector gradient(const float *m, int row, floatl value, floatl inverse)
     return made;
 }
 
-/* Sets the splats' shape and plane, from their projected axes. Returns the determinant of the covariance on the screen;
- * reach_x: half the splats' width in pixels. */
-INLINED floatl set_shape(Splats *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, float low_pass,
-                         floatl *reach_x)
+/* The changes of a coordinate with the gradient `to` along three axes, times their scales */
+INLINED Vector along_axes(Vector to, Vector first, Vector second, Vector third, Vector scales)
 {
-    const floatl uu = a.u * a.u + b.u * b.u + c.u * c.u, vv = a.v * a.v + b.v * b.v + c.v * c.v;
-    const floatl uv = a.u * a.v + b.u * b.v + c.u * c.v;
-    const floatl un = a.u * a.n + b.u * b.n + c.u * c.n, vn = a.v * a.n + b.v * b.n + c.v * c.n;
-    const floatl ab = a.u * b.v - b.u * a.v, bc = b.u * c.v - c.u * b.v, ca = c.u * a.v - a.u * c.v;
-    const floatl area = ab * ab + bc * bc + ca * ca;
-    const floatl determinant = area + low_pass * (uu + vv) + low_pass * low_pass;
+    const Vector made = {scales.x * DOT(to, first), scales.y * DOT(to, second), scales.z * DOT(to, third)};
+    return made;
+}
+
+/* Sets the splats' shape and plane, from the changes of u, v and nearness along the axes. Returns the determinant of
+ * the covariance on the screen; reach_x: half the splats' width in pixels. */
+INLINED floatl set_shape(Splats *splats, Vector u, Vector v, Vector n, float low_pass, floatl *reach_x)
+{
+    const floatl uu = DOT(u, u), vv = DOT(v, v), wide = uu + low_pass, high = vv + low_pass;
+    const Vector uv = cross_product(u, v);
+    const floatl area = DOT(uv, uv), determinant = area + low_pass * (uu + vv) + low_pass * low_pass;
     const floatl inverse = 1.0f / (area + SHARP * (uu + vv) + SHARP * SHARP);
-    splats->nearness_x = (ab * (a.n * b.v - b.n * a.v) + bc * (b.n * c.v - c.n * b.v) + ca * (c.n * a.v - a.n * c.v) +
-                          SHARP * un) * inverse;
-    splats->nearness_y = (ab * (a.u * b.n - b.u * a.n) + bc * (b.u * c.n - c.u * b.n) + ca * (c.u * a.n - a.u * c.n) +
-                          SHARP * vn) * inverse;
-    const floatl wide = uu + low_pass, high = vv + low_pass;
+    const Vector nv = cross_product(n, v), un = cross_product(u, n);
+    splats->nearness_x = (DOT(uv, nv) + SHARP * DOT(u, n)) * inverse;
+    splats->nearness_y = (DOT(uv, un) + SHARP * DOT(v, n)) * inverse;
     splats->across = HALF_LOG2_E / wide;
     splats->along = sqrt(HALF_LOG2_E * wide / determinant);
-    splats->lean = splats->along * uv / wide;
+    splats->lean = splats->along * DOT(u, v) / wide;
     const floatl least = max_lanes(splats->strength - LEAST_OPACITY_LOG2, (floatl)0.0f) * (1.0f / HALF_LOG2_E);
     splats->reach = sqrt(least * high) * 1.0001f;
     *reach_x = sqrt(least * wide) * 1.0001f;
     return determinant;
-}
-
-/* The depth's standard deviation bounds the part of the plane that is used. */
-INLINED void bound_plane(Splats *splats, ProjectedAxis a, ProjectedAxis b, ProjectedAxis c, floatl z, float near_z,
-                         int perspective)
-{
-    const floatl deviation = sqrt(a.n * a.n + b.n * b.n + c.n * c.n);
-    const floatl deep = PLANE_SIGMAS * (perspective ? deviation * z * z : deviation);
-    const floatl far_end = z + deep, near_end = max_lanes(z - deep, (floatl)near_z);
-    splats->least = DEPTH_OF(perspective, far_end);
-    splats->most = DEPTH_OF(perspective, near_end);
 }
 
 INLINED void project_packet(global const float *planes, int pitch, int degree, Vector origin, float low_pass,
@@ -102,15 +79,16 @@ INLINED void project_packet(global const float *planes, int pitch, int degree, V
     const float beyond_x = UNLINEARISED * screen.width + 0.5f, beyond_y = UNLINEARISED * screen.height + 0.5f;
     const floatl u = clamp_lanes(splats.u, (floatl)-beyond_x, (floatl)(screen.width - 1.0f + beyond_x));
     const floatl v = clamp_lanes(splats.v, (floatl)-beyond_y, (floatl)(screen.height - 1.0f + beyond_y));
-    const Vector to_u = gradient(m, 0, u, inverse), to_v = gradient(m, 1, v, inverse);
-    const Vector to_n = gradient(m, 3, splats.nearness, inverse);
-    const ProjectedAxis a = projected_axis(to_u, to_v, to_n, first, SHAPE_PLANE(3));
-    const ProjectedAxis b = projected_axis(to_u, to_v, to_n, second, SHAPE_PLANE(4));
-    const ProjectedAxis c = projected_axis(to_u, to_v, to_n, third, SHAPE_PLANE(5));
+    const Vector scales = {SHAPE_PLANE(3), SHAPE_PLANE(4), SHAPE_PLANE(5)};
+    const Vector by_u = along_axes(gradient(m, 0, u, inverse), first, second, third, scales);
+    const Vector by_v = along_axes(gradient(m, 1, v, inverse), first, second, third, scales);
+    const Vector by_n = along_axes(gradient(m, 3, splats.nearness, inverse), first, second, third, scales);
 #undef SHAPE_PLANE
     floatl reach_x;
-    const floatl determinant = set_shape(&splats, a, b, c, low_pass, &reach_x);
-    bound_plane(&splats, a, b, c, z, near_z, screen.perspective);
+    const floatl determinant = set_shape(&splats, by_u, by_v, by_n, low_pass, &reach_x);
+    const floatl deep = PLANE_SIGMAS * sqrt(DOT(by_n, by_n)) * (screen.perspective ? z * z : (floatl)1.0f);
+    splats.least = DEPTH_OF(screen.perspective, z + deep);
+    splats.most = DEPTH_OF(screen.perspective, max_lanes(z - deep, (floatl)near_z));
     const intl drawn = (z > near_z) & (z < FARTHEST_DEPTH) & (splats.strength > LEAST_OPACITY_LOG2) &
                        (determinant > 0.0f) & (determinant < INFINITY) & isfinite_lanes(splats.along * splats.lean) &
                        isfinite_lanes(splats.nearness_x) & isfinite_lanes(splats.nearness_y);
@@ -123,10 +101,7 @@ INLINED void project_packet(global const float *planes, int pitch, int degree, V
     if (!any_lane(seen))
         return;
     global const float *coefficients = planes + (size_t)SHAPE * pitch;
-    const Color color = harmonic_colors(coefficients, pitch, degree, view_direction(screen, p));
-    splats.r = color.r;
-    splats.g = color.g;
-    splats.b = color.b;
+    splats.color = harmonic_colors(coefficients, pitch, degree, view_direction(screen, p));
     store_splats(splats, records);
 }
 

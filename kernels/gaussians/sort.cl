@@ -1,16 +1,14 @@
-/* Sorts Gaussians by depth: a radix sort, one pass for each digit of the keys, the lowest digit first.
+/* Sorts Gaussians by distance: a radix sort, one pass for each digit of the keys, the lowest digit first.
  *
- * Elements are divided into `chunks` equal parts. `count_digits` counts the digits in each chunk; raster/bins.cl then
- * replaces each count by the place where the chunk's elements of this digit begin, and `move_by_digit` moves them
- * there. Each pass keeps the order of equal digits, so equal depths stay in the order of the input. The first pass
- * (`shift` 0) leaves invisible elements out. Last, `order_boxes` brings the boxes in the order of depth, for the lists
- * of bins.
+ * `count_digits` counts the digits in each of `chunks` equal parts. raster/bins.cl then replaces each count by the place
+ * where the chunk's elements of this digit begin, and `move_by_digit` moves them there, in their order. The first pass
+ * (`shift` 0) leaves out elements that are not drawn. Last, `order_boxes` sorts the boxes, for the lists of bins.
  *
  * keys, places: (count,) the elements to sort; in the first pass, elements are numbered and `places` is not read.
- * visible: (DIGITS + 1,) the first pass's start of each digit, whose last value is the number of visible elements.
- * counts: (chunks, DIGITS). moved_keys, moved_places: (count,) the elements, sorted by one more digit. boxes:
- * raster/boxes.h. ordered: (count, 4) boxes in the order of depth, empty ones at the end. Work-item: a chunk, or `share`
- * boxes. Cost: O(count + chunks * DIGITS). Determinism: the sort is stable, and nothing is atomic.
+ * visible: (DIGITS + 1,) the first pass's starts of digits, whose last value is the number of elements drawn. counts:
+ * (chunks, DIGITS). moved_keys, moved_places: (count,) the elements, sorted by one more digit. boxes: raster/boxes.h.
+ * ordered: (count, 4) sorted boxes, empty ones at the end. Work-item: a chunk, or `share` boxes. Cost: O(count + chunks
+ * * DIGITS). Determinism: the sort is stable, and nothing is atomic.
  */
 #include "gaussians/splat.h"
 

@@ -9,7 +9,7 @@
  *     nearness + nearness_x * dx + nearness_y * dy,
  * from `least` to `most`.
  */
-#include "lib/lanes.h"
+#include "lib/color.h"
 
 #define RECORD 16                                  /* floats of a SplatRecord */
 #define LEAST_OPACITY_LOG2 (-7.9943534368588579f) /* log2(1 / 255): a smaller opacity counts as 0 */
@@ -26,12 +26,14 @@ typedef struct {
 
 /* LANES splats */
 typedef struct {
-    floatl u, v, across, lean, along, strength, reach, nearness, nearness_x, nearness_y, least, most, r, g, b;
+    floatl u, v, across, lean, along, strength, reach, nearness, nearness_x, nearness_y, least, most;
+    Color color;
 } Splats;
 
 #define SPLAT_FIELDS(s)                                                                                        \
     (s).u, (s).v, (s).across, (s).lean, (s).along, (s).strength, (s).reach, (s).nearness, (s).nearness_x,      \
-        (s).nearness_y, (s).least, (s).most, (s).r, (s).g, (s).b, (floatl)0.0f
+        (s).nearness_y, (s).least, (s).most, (s).color.r, (s).color.g, (s).color.b,    \
+        (floatl)0.0f
 
 /* Writes LANES splats as records. */
 INLINED void store_splats(Splats splats, global float *records)

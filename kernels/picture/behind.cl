@@ -1,8 +1,7 @@
-/* Prepares a picture for things that are not opaque: what lies behind them, and its opacity.
- *
- * `show_background` writes the background's colour where nothing is drawn. `valid_to_alpha` makes opacities: 1 where the
- * picture is valid, else 0. depth, color, valid, alpha: (height, width); depth is NaN if empty. Work-item: STRIP * LANES
- * pixels of a row. Cost: O(pixels). Determinism: pixels are independent.
+/* Prepares a picture for things that are not opaque. `show_background` writes the background's colour where nothing is
+ * drawn, which has depth NaN. `valid_to_alpha` makes opacities: 1 where the picture is valid, else 0. depth, color,
+ * valid, alpha: (height, width). Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are
+ * independent.
  */
 #include "lib/color.h"
 
@@ -14,11 +13,9 @@ kernel void show_background(global const float *depth, global channel *color, fl
     for (int x = first; y < height && x < min(first + STRIP * LANES, width); x += LANES) {
         const size_t at = (size_t)y * width + x;
         const floatl z = load_first(depth + at, width - x, 0.0f);
-        if (!any_lane(z == z)) {
-            write_first(color + CHANNELS * at, around, width - x);
-            continue;
-        }
-        for (int lane = 0; lane < (any_lane(z != z) ? LANES : 0); lane++)
+        if (!any_lane(z == z))
+            write_color(color + CHANNELS * at, around);
+        for (int lane = 0; any_lane(z == z) && any_lane(z != z) && lane < LANES; lane++)
             if (isnan(float_lane(z, lane)))
                 write_pixel(color + CHANNELS * (at + lane), (float3)(red, green, blue));
     }

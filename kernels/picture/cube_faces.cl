@@ -10,9 +10,9 @@
  * frame. face_depth, face_color, face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid:
  * (height, width); pixels of other faces are emptied if this face is the `first`, else unchanged. With ORIGINS, CLASSES
  * or GUESSES, the origins, classes or guesses are copied, too; pixels without a ray get the class `unseen`. With ALPHA,
- * opacities are read as colours are; both are interpolated also where an opacity is neither 0 nor 1. Pixels without a
- * ray show the background (red, green, blue). Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are
- * independent.
+ * opacities are read as colours are; both are also interpolated where an opacity is neither 0 nor 1. Pixels without a
+ * ray show the background (red, green, blue). Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism:
+ * pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"

@@ -190,16 +190,16 @@ class Target:
     def show_background(self) -> None:
         """Show the background where nothing is drawn, fills included."""
         if self.background is not None:
-            self._prepare("show_background", depth=self.depth, color=self.color, **self.background_arguments)
+            self._launch("show_background", depth=self.depth, color=self.color, **self.background_arguments)
 
     def made_alpha(self) -> DeviceArray:
         """Return the opacities; if there are none, they are made from `valid`."""
         if self.alpha is None:
             self.alpha = empty(self.depth.shape, np.float32)
-            self._prepare("valid_to_alpha", valid=self.valid, alpha=self.alpha)
+            self._launch("valid_to_alpha", valid=self.valid, alpha=self.alpha)
         return self.alpha
 
-    def _prepare(self, name: str, **arguments: Any) -> None:
+    def _launch(self, name: str, **arguments: Any) -> None:
         (width, height), profile = self.camera.size, current().profile
         found = kernel("picture/behind.cl", name, **self.color_defines)
         launch(found, profile.packets(width, height, profile.strip), width=width, height=height, **arguments)
@@ -207,8 +207,8 @@ class Target:
     @property
     def background_arguments(self) -> dict[str, float]:
         """The background, black if there is none, by the names of kernel arguments."""
-        color = (0.0, 0.0, 0.0) if self.background is None else self.background.tolist()
-        return dict(zip(("red", "green", "blue"), color, strict=True))
+        color = np.zeros(3) if self.background is None else self.background
+        return dict(zip(("red", "green", "blue"), color.tolist(), strict=True))
 
     def outputs(self) -> dict[str, DeviceArray]:
         """Return the three buffers, by the names of kernel arguments."""

@@ -13,7 +13,7 @@ from pyibr.opencl.device import current
 from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty
-from pyibr.opencl.program import Kernel, kernel
+from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 
 _UNSYNCHRONIZED = 1 << 22  # longest list that is allocated without asking the device for the length
@@ -81,27 +81,23 @@ def bin_primitives(
     view: dict[str, Any] = {"projected": projected, "screen": Struct("Screen", target.screen(near)), "nearest_w": near}
     culled = int(constant("raster/triangle.h", _CULLED[sides]))
 
-    def run(name: str, *items: int, **arguments: Any) -> None:
-        launch(kernel("raster/bins.cl", name, **defines), items, **arguments)
-
     packets = profile.packets(count, 1, profile.strip)[:1]
-    run("bound_primitives", *packets, corners=corners, boxes=boxes, primitives=count, culled=culled, **view)
+    _run(defines, "bound_primitives", *packets, corners=corners, boxes=boxes, primitives=count, culled=culled, **view)
     found, starts = list_boxes(boxes, columns, rows, **defines)
     if sort:
         keys = empty(found.shape, np.float32)
         lists = {"keys": keys, "list": found, "starts": starts}
-        run("sort_bins", columns * rows, corners=corners, projected=projected, bins=columns * rows, **lists)
+        bins = columns * rows
+        _run(defines, "sort_bins", bins, corners=corners, projected=projected, bins=bins, **lists)
     arguments = {"list": found, "starts": starts, "bins_x": columns, **view}
     region = 1 if profile.lanes == 1 else defines["BIN"]
     return Bins(profile.grid((columns, rows), target.camera.size), region, arguments, culled)
 
 
 def list_boxes(boxes: DeviceArray, columns: int, rows: int, **defines: int) -> tuple[DeviceArray, DeviceArray]:
-    """List the boxes, (N, 4) uint16, that touch each bin, in their order, bin by bin.
+    """List the boxes, (N, 4) uint16 of kernels/raster/boxes.h, that touch each bin, in their order, bin by bin.
 
-    A box holds the first and the last bin in x, and the first and the last one in y. Returns the list of indices, and
-    the (bins + 1,) starts of the bins in it. `defines` choose another build of
-    kernels/raster/bins.cl than that for triangles; the kernels are the same.
+    Returns the list of indices, and the (bins + 1,) starts of the bins in it.
     """
     count, bins = boxes.shape[0], columns * rows
     chunk = max(-(-count // min(current().profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)
@@ -110,7 +106,7 @@ def list_boxes(boxes: DeviceArray, columns: int, rows: int, **defines: int) -> t
     shared: dict[str, Any] = {"boxes": boxes, "counts": counts, "primitives": count, "chunk": chunk}
     shared |= {"bins_x": columns, "bins_y": rows}
     counts.fill(0)
-    launch(_list_kernel("count_bins", defines), (chunks,), **shared)
+    _run(defines, "count_bins", chunks, **shared)
     starts, totals = place_counts(counts, columns, rows, **defines)
     # To read the lists' length from the device takes a wait for all earlier launches.
     longest = count * bins
@@ -118,12 +114,8 @@ def list_boxes(boxes: DeviceArray, columns: int, rows: int, **defines: int) -> t
     if length > _NUMBERED_MAX:
         raise OutOfMemoryError(f"the picture's parts list {length} primitives in all, more than {_NUMBERED_MAX}")
     found = empty((max(length, 1),), np.int32)
-    launch(_list_kernel("fill_bins", defines), (chunks,), list=found, **shared)
+    _run(defines, "fill_bins", chunks, list=found, **shared)
     return found, starts
-
-
-def _list_kernel(name: str, defines: dict[str, int]) -> Kernel:
-    return kernel("raster/bins.cl", name, **(defines or {"CORNERS": 3, **bin_defines(3)}))
 
 
 def place_counts(counts: DeviceArray, columns: int, rows: int, **defines: int) -> tuple[DeviceArray, DeviceArray]:
@@ -136,11 +128,12 @@ def place_counts(counts: DeviceArray, columns: int, rows: int, **defines: int) -
     starts, totals, row_totals = (empty((size,), np.int32) for size in (bins + 1, bins, rows))
     sums = {"counts": counts, "totals": totals, "chunks": chunks}
     grid = {"bins_x": columns, "bins_y": rows}
-
-    def run(name: str, *items: int, **arguments: Any) -> None:
-        launch(_list_kernel(name, defines), items, **arguments)
-
-    run("total_bins", bins, **sums, bins=bins)
-    run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
-    run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
+    _run(defines, "total_bins", bins, **sums, bins=bins)
+    _run(defines, "total_rows", rows, totals=totals, row_totals=row_totals, **grid)
+    _run(defines, "start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
     return starts, totals
+
+
+def _run(defines: dict[str, int], name: str, *items: int, **arguments: Any) -> None:
+    chosen = defines or {"CORNERS": 3, **bin_defines(3)}  # kernels that list boxes are the same in all builds
+    launch(kernel("raster/bins.cl", name, **chosen), items, **arguments)
