@@ -32,8 +32,7 @@ typedef struct {
 
 #define SPLAT_FIELDS(s)                                                                                        \
     (s).u, (s).v, (s).across, (s).lean, (s).along, (s).strength, (s).reach, (s).nearness, (s).nearness_x,      \
-        (s).nearness_y, (s).least, (s).most, (s).color.r, (s).color.g, (s).color.b,    \
-        (floatl)0.0f
+        (s).nearness_y, (s).least, (s).most, (s).color.r, (s).color.g, (s).color.b, (floatl)0.0f
 
 /* Writes LANES splats as records. */
 INLINED void store_splats(Splats splats, global float *records)

@@ -30,15 +30,18 @@
 #ifndef ALPHA
 #define ALPHA 0 /* 1: opacities, `alpha`, are read, too */
 #endif
+#if ALPHA
+#define FACE_ALPHA face_alpha
+#else
+#define FACE_ALPHA 0
+#endif
 
 typedef struct {
     global const float *depth;
     global const channel *color;
     global const uchar *valid;
-    int width, height;
-#if ALPHA
     global const float *alpha;
-#endif
+    int width, height;
 } Face;
 
 typedef struct {
@@ -69,7 +72,6 @@ INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
 }
 
-#if ALPHA
 /* Reads the opacities. Where one of the four is neither 0 nor 1, colour and opacity are interpolated. */
 INLINED void read_alpha(Reading *read, Face face, intl linear)
 {
@@ -85,7 +87,6 @@ INLINED void read_alpha(Reading *read, Face face, intl linear)
     read->mixed = read->whole | (soft & there & read->own & linear);
     read->alpha = select_lanes(read->mixed, sum, (floatl)(gather(face.alpha, read->nearest)));
 }
-#endif
 
 INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, int linear, int filled)
 {
@@ -133,9 +134,8 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     const int count = face.width * face.height;
     read.color = read_color(face.color, read.nearest, count);
     read.mixed = read.whole;
-#if ALPHA
-    read_alpha(&read, face, (intl)(linear ? -1 : 0));
-#endif
+    if (ALPHA)
+        read_alpha(&read, face, (intl)(linear ? -1 : 0));
     if (CHANNELS && any_lane(read.mixed)) {
         Color mixed = {0.0f, 0.0f, 0.0f};
         for (int i = 0; i < 4; i++)
@@ -261,12 +261,7 @@ kernel void join_faces(global const float *places, global const float *face_dept
     const int y = get_global_id(1);
     if (y >= height)
         return;
-    const Face face = {face_depth, face_color, face_valid, face_width, face_height
-#if ALPHA
-                       ,
-                       face_alpha
-#endif
-    };
+    const Face face = {face_depth, face_color, face_valid, FACE_ALPHA, face_width, face_height};
     const Color around = {red, green, blue};
     const size_t plane = (size_t)height * pitch;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {

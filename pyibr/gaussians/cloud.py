@@ -115,8 +115,7 @@ class Gaussians(Immutable):
         """Read a PLY file of 3D Gaussian Splatting, also packed by gzip (``.ply.gz``).
 
         Gaussians with values that are not finite or exceed 1e9, or a quaternion of length 0, are left out, with a
-        UserWarning.
-        Infinite logits of opacity mean 1 and 0.
+        UserWarning. Infinite logits of opacity mean 1 and 0.
 
         Parameters
         ----------
@@ -171,7 +170,7 @@ class Gaussians(Immutable):
 
     def _planes(self) -> Planes:
         """Upload the cloud to the current device, in an order that depends only on its Gaussians."""
-        return Planes(planes_of(self._columns, self._order), self.bounds, self.low_pass, self.near)
+        return Planes(planes_of(self._columns, self._order), self.low_pass, self.near)
 
     @property
     def _columns(self) -> list[Float32]:

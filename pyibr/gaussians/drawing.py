@@ -23,7 +23,7 @@ from pyibr.raster.bins import list_boxes, place_counts
 
 _BIN = 16  # side of a bin in pixels: the lanes of a CPU's work-item, which draws a bin row by row
 _PACKET = 16  # Gaussians are padded to whole packets
-_BLOCK = 4096  # Gaussians whose numbers all fit in a processor's cache
+_BLOCK = 4096  # Gaussians whose numbers fit in a cache
 _KEY_BITS = 31  # positive floats
 _ROW = 64  # digits that are summed as one row of bins
 _NONE = -1000.0  # log2 of the opacity of padding
@@ -34,7 +34,6 @@ class Planes:
     """One cloud on the device: a plane for each number of a Gaussian (kernels/gaussians/project.cl)."""
 
     values: DeviceArray  # (SHAPE + 3 * harmonics, pitch) float32
-    bounds: tuple[NDArray[np.float64], NDArray[np.float64]]
     low_pass: float
     near: float
 
@@ -102,7 +101,6 @@ def _project(
     (rows, pitch), profile = cloud.values.shape, current().profile
     origin: Float64 = target.camera.center.astype(np.float32).astype(np.float64)
     axes: dict[str, Any] = {f"origin_{name}": float(value) for name, value in zip("xyz", origin, strict=True)}
-    near = target.near(cloud.bounds)  # raises an error if the cloud is too far away
     launch(
         _kernel(target, "project_gaussians"),
         profile.packets(pitch, 1, profile.strip)[:1],
@@ -111,7 +109,7 @@ def _project(
         degree=math.isqrt((rows - int(constant("gaussians/project.cl", "SHAPE"))) // 3) - 1,
         low_pass=cloud.low_pass * target.side**2,
         near_z=cloud.near,
-        screen=Struct("Screen", target.screen(near, origin)),
+        screen=Struct("Screen", target.screen(1.0, origin)),
         first=first,
         records=records,
         boxes=boxes,

@@ -19,7 +19,7 @@ LARGEST = 1e9
 """Limit of means, scales and harmonics: products of a few lengths still fit into single precision."""
 
 _SHAPE = ("x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity")
-_DIRECT = ("f_dc_0", "f_dc_1", "f_dc_2")
+_NORMALS, _DIRECT = ("nx", "ny", "nz"), ("f_dc_0", "f_dc_1", "f_dc_2")
 _RESTS = (0, 9, 24, 45)  # numbers of the harmonics of degrees 1 to 3, by the degree
 
 
@@ -45,22 +45,24 @@ def read_gaussians(path: str | PathLike[str]) -> dict[str, NDArray[np.float32]]:
 
 
 def write_gaussians(path: str | PathLike[str], columns: Sequence[NDArray[np.float32]]) -> None:
-    """Write Gaussians, or leave the old file. columns: mean, scales, rotation, opacity, and red, green, blue of each
-    harmonic."""
+    """Write Gaussians, or leave the old file.
+
+    columns: mean, scales, rotation, opacity, and for each harmonic red, green and blue.
+    """
     file = checked_path(path)
     if file.suffix.lower() != ".ply":
         raise ArgumentError("path", "a file that ends in .ply", str(file))
     check_writable(file)
-    opacities, rest = columns[10].astype(np.float64), columns[14:]
+    by_channel = [*columns[11:14], *(column for first in (14, 15, 16) for column in columns[first::3])]
+    stored = dict(zip(_SHAPE, columns, strict=False))
+    stored |= {f"f_dc_{at}" if at < 3 else f"f_rest_{at - 3}": column for at, column in enumerate(by_channel)}
     with np.errstate(divide="ignore"):
-        stored = dict(zip(_SHAPE, columns, strict=False))
         stored |= {name: np.log(stored[name].astype(np.float64)) for name in _SHAPE[3:6]}
+        opacities = stored["opacity"].astype(np.float64)
         stored["opacity"] = np.log(opacities) - np.log1p(-opacities)
-    stored |= dict(zip(_DIRECT, columns[11:], strict=False))
-    by_channel = [column for first in range(3) for column in rest[first::3]]
-    stored |= {f"f_rest_{number}": column for number, column in enumerate(by_channel)}
-    zeros = dict.fromkeys(("nx", "ny", "nz"), np.zeros(len(opacities)))
-    write_atomically(file, ply.column_bytes(stored | zeros))
+    stored |= dict.fromkeys(_NORMALS, np.zeros(len(columns[0])))
+    names = (*_SHAPE[:3], *_NORMALS, *(name for name in stored if name[0] == "f"), "opacity", *_SHAPE[3:10])
+    write_atomically(file, ply.column_bytes({name: stored[name] for name in names}))  # some programs expect this order
 
 
 def _arrays_of(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:

@@ -94,6 +94,10 @@ def test_a_file_keeps_the_cloud(tmp_path: Path, degree: int):
     thing = cloud(300, degree)
     thing.save(tmp_path / "cloud.ply")
     found = ibr.Gaussians.load(tmp_path / "cloud.ply")
+    header = (tmp_path / "cloud.ply").read_bytes().partition(b"end_header")[0].decode()
+    names = [line.split()[2] for line in header.splitlines() if line.startswith("property")]
+    rests = [f"f_rest_{number}" for number in range(3 * (degree + 1) ** 2 - 3)]
+    assert names == [*NAMES[:3], "nx", "ny", "nz", *NAMES[3:6], *rests, *NAMES[6:]]  # which some programs expect
     np.testing.assert_array_equal(found.means, thing.means)
     np.testing.assert_array_equal(found.sh, thing.sh)
     np.testing.assert_allclose(found.scales, thing.scales, rtol=1e-6)
