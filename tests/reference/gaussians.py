@@ -38,38 +38,33 @@ def axes_of(rotations: Float64) -> Float64:
 
 def projected(cloud: ibr.Gaussians, camera: ibr.Camera) -> list[tuple[float, ...]]:
     """(distance, u, v, covariance uu uv vv, opacity, gradient of nearness, its bounds, colour) of those drawn."""
-    K, (width, height) = camera.K, camera.size
+    K, (width, height), perspective = camera.K, camera.size, camera.projection == "perspective"
     turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
     x, y, z = (cloud.means.astype(np.float64) @ turn.T + shift).T
     half = turn @ axes_of(cloud.rotations.astype(np.float64)) * cloud.scales[:, None].astype(np.float64)
-    spread = half @ half.transpose(0, 2, 1)  # covariance in the camera's frame
-    J = np.zeros((len(cloud), 3, 3))
-    if camera.projection == "perspective":
-        u, v = K[0, 0] * x / z + K[0, 1] * y / z + K[0, 2], K[1, 1] * y / z + K[1, 2]
-        beside_u = np.clip(u, -0.5 - 0.15 * width, 1.15 * width - 0.5)
-        beside_v = np.clip(v, -0.5 - 0.15 * height, 1.15 * height - 0.5)
-        J[:, 0] = np.stack([K[0, 0] / z, K[0, 1] / z, (K[0, 2] - beside_u) / z], axis=1)
-        J[:, 1] = np.stack([0 * z, K[1, 1] / z, (K[1, 2] - beside_v) / z], axis=1)
-        J[:, 2, 2], nearness = -1 / z**2, 1 / z
-    else:
-        u, v = K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]
-        J[:, :2, :2], J[:, 2, 2], nearness = K[:2, :2], -1, -z
-    flat = J @ spread @ J.transpose(0, 2, 1)
-    center = camera.world_from_camera[:3, 3]
-    d = cloud.means - center if camera.projection == "perspective" else np.tile(turn[2], (len(cloud), 1))
+    J, by, nearness = (
+        np.zeros((len(cloud), 3, 3)),
+        (z if perspective else np.ones(len(z))),
+        (1 / z if perspective else -z),
+    )
+    u, v = (K[0, 0] * x + K[0, 1] * y) / by + K[0, 2], K[1, 1] * y / by + K[1, 2]
+    J[:, :2, :2], J[:, 2, 2] = K[:2, :2] / by[:, None, None], -1 / by**2
+    if perspective:
+        J[:, 0, 2] = (K[0, 2] - np.clip(u, -0.5 - 0.15 * width, 1.15 * width - 0.5)) / z
+        J[:, 1, 2] = (K[1, 2] - np.clip(v, -0.5 - 0.15 * height, 1.15 * height - 0.5)) / z
+    flat = J @ half @ half.transpose(0, 2, 1) @ J.transpose(0, 2, 1)
+    d = cloud.means - camera.world_from_camera[:3, 3] if perspective else np.tile(turn[2], (len(cloud), 1))
     far = np.linalg.norm(d, axis=1)
     basis = harmonics(d / far[:, None])[:, : cloud.sh.shape[1]]
     color = np.maximum((basis[..., None] * cloud.sh.astype(np.float64)).sum(axis=1) + 0.5, 0)
-    deviation = np.sqrt(flat[:, 2, 2]) * (z * z if camera.projection == "perspective" else 1)
-    ends = z + PLANE_SIGMAS * deviation, np.maximum(z - PLANE_SIGMAS * deviation, cloud.near)
-    least, most = (1 / end if camera.projection == "perspective" else -end for end in ends)
+    deep = PLANE_SIGMAS * np.sqrt(flat[:, 2, 2]) * by**2
+    ends = z + deep, np.maximum(z - deep, cloud.near)
     slope = np.linalg.solve(flat[:, :2, :2] + SHARP * np.eye(2), flat[:, :2, 2:])[..., 0]
-    flat = flat[:, :2, :2] + cloud.low_pass * np.eye(2)
-    made = zip(
-        far if camera.projection == "perspective" else z, u, v, flat[:, 0, 0], flat[:, 0, 1], flat[:, 1, 1], cloud.opacities.astype(np.float64), nearness,
-        *slope.T, least, most, *color.T, strict=True,
-    )  # fmt: skip
-    return [one for one, depth in zip(made, z, strict=True) if depth > cloud.near and one[6] > 1 / 255]
+    covariance = (flat[:, :2, :2] + cloud.low_pass * np.eye(2)).reshape(-1, 4)[:, [0, 1, 3]]
+    opacities, bounds = cloud.opacities.astype(np.float64), (1 / end if perspective else -end for end in ends)
+    made = (far if perspective else z, u, v, *covariance.T, opacities, nearness, *slope.T, *bounds, *color.T)
+    drawn = (z > cloud.near) & (opacities > 1 / 255)
+    return [tuple(one) for one in np.stack(made, axis=1)[drawn]]
 
 
 def blended(
