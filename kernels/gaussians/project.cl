@@ -17,7 +17,7 @@
 #include "raster/boxes.h"
 
 #define SHAPE 11            /* planes before the harmonics' */
-#define UNLINEARISED 0.15f  /* part of the picture's size, outside of which the map is not linearised */
+#define UNLINEARISED 0.15f  /* part of the picture's size; farther outside, the map is not linearised */
 #define SHARP 0.01f         /* pixel^2, added to the covariance for the plane: splats seen edge-on have one, too */
 #define HALF_LOG2_E 0.72134752f
 #define PLANE_SIGMAS 3.5f   /* the plane is used up to so many standard deviations of the depth */

@@ -196,7 +196,7 @@ class Gaussians(Immutable):
 
 
 def _unit(quaternions: Float64) -> Float32:
-    """Return quaternions at unit length, those at unit length unchanged, or raise ArgumentError."""
+    """Return quaternions with unit length, unchanged if they had it, or raise ArgumentError."""
     largest = np.maximum(np.abs(quaternions).max(axis=1, keepdims=True), 1e-300)  # avoids overflow of the squares
     length = np.linalg.norm(quaternions / largest, axis=1, keepdims=True)
     if not (length > 0).all():
