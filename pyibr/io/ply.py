@@ -53,8 +53,8 @@ _List = tuple[NDArray[Any], NDArray[Any]]
 class _Text:
     """Rows as numbers in text."""
 
-    def __init__(self, body: memoryview) -> None:
-        text = str(body, "ascii")
+    def __init__(self, body: bytes) -> None:
+        text = body.decode("ascii")
         self._numbers: NDArray[np.float64] = np.fromstring(text, sep=" ") if text.strip() else np.empty(0)
         self.at = 0
 
@@ -85,7 +85,7 @@ class _Text:
 class _Binary:
     """Rows as bytes."""
 
-    def __init__(self, body: memoryview, order: str) -> None:
+    def __init__(self, body: bytes, order: str) -> None:
         self._body, self._order = body, order
         self.at = 0
 
@@ -116,7 +116,7 @@ class _Binary:
         return found.view(self._order + kind).ravel()
 
     def left(self) -> int:
-        return len(bytes(self._body[self.at :]).strip())
+        return len(self._body[self.at :].strip())
 
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
@@ -208,7 +208,7 @@ def _vertex_table(columns: list[tuple[str, str, NDArray[Any]]]) -> tuple[list[st
     return header + [f"property {kind} {name}" for kind, name, _ in columns], rows
 
 
-def _header(data: bytes) -> tuple[list[_Element], str, memoryview, list[str]]:
+def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:
     """The tables, the byte order (empty for text), the content after the header, and the textures' names."""
     end = data.find(b"end_header", 0, _HEADER_MAX)
     text = data[: max(end, 0)].decode("utf-8", "surrogateescape")
@@ -216,7 +216,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, memoryview, list[str]]:
     if end < 0 or lines[0].strip() != "ply":
         raise ValueError("no header that opens with ply and ends with end_header")
     length = len(b"end_header") + (2 if data[end:].startswith(b"end_header\r\n") else 1)
-    body, order, elements = memoryview(data)[end + length :], None, list[_Element]()
+    body, order, elements = data[end + length :], None, list[_Element]()
     for words in (line.split() for line in lines[1:]):
         if words[:1] == ["format"]:
             order = _ORDERS[words[1]]
