@@ -14,6 +14,7 @@
  */
 #include "gaussians/harmonics.h"
 #include "gaussians/splat.h"
+#include "lib/light.h"
 #include "raster/boxes.h"
 
 #define SHAPE 11            /* planes before the harmonics' */
@@ -58,9 +59,27 @@ INLINED floatl set_shape(Splats *splats, Vector u, Vector v, Vector n, float low
     return determinant;
 }
 
+#if SHADOWED
+#define SHADE_PARAMETERS , Light light SHADOW_PARAMETERS
+#define SHADE_ARGUMENTS , light SHADOW_ARGUMENTS
+
+/* The share of light that is left at points p in the shadows of opaque things. The points are moved towards the light
+ * by a Gaussian's largest scale, so that surfaces within it cast no shadow on it. */
+INLINED floatl share_of_light(Vector p, Vector scales SHADE_PARAMETERS)
+{
+    const ToLight to = to_light(light, p);
+    const floatl off = max_lanes(max_lanes(scales.x, scales.y), scales.z);
+    const Vector outside = {p.x + off * to.direction.x, p.y + off * to.direction.y, p.z + off * to.direction.z};
+    return light.ambient + (1.0f - light.ambient) * to.falloff * VISIBILITY(outside, to.direction);
+}
+#else
+#define SHADE_PARAMETERS
+#define SHADE_ARGUMENTS
+#endif
+
 INLINED void project_packet(global const float *planes, int pitch, int degree, Vector origin, float low_pass,
                             float near_z, Screen screen, global float *records, global ushort *boxes,
-                            global uint *keys)
+                            global uint *keys SHADE_PARAMETERS)
 {
 #define SHAPE_PLANE(k) load_lanes(planes + (size_t)(k) * pitch)
     const Vector place = {SHAPE_PLANE(0), SHAPE_PLANE(1), SHAPE_PLANE(2)}, p = minus(place, origin);
@@ -102,18 +121,24 @@ INLINED void project_packet(global const float *planes, int pitch, int degree, V
         return;
     global const float *coefficients = planes + (size_t)SHAPE * pitch;
     splats.color = harmonic_colors(coefficients, pitch, degree, view_direction(screen, p));
+#if SHADOWED
+    const floatl share = share_of_light(p, scales SHADE_ARGUMENTS);
+    splats.color.r *= share;
+    splats.color.g *= share;
+    splats.color.b *= share;
+#endif
     store_splats(splats, records);
 }
 
 kernel void project_gaussians(global const float *planes, int pitch, int degree, float origin_x, float origin_y,
                               float origin_z, float low_pass, float near_z, Screen screen, int first,
-                              global float *records, global ushort *boxes, global uint *keys)
+                              global float *records, global ushort *boxes, global uint *keys SHADE_PARAMETERS)
 {
     const int from = get_global_id(0) * STRIP * LANES;
     const Vector origin = {origin_x, origin_y, origin_z};
     for (int i = from; i < min(from + STRIP * LANES, pitch); i += LANES) {
         const size_t to = (size_t)first + i;
         project_packet(planes + i, pitch, degree, origin, low_pass, near_z, screen, records + RECORD * to,
-                       boxes + 4 * to, keys + to);
+                       boxes + 4 * to, keys + to SHADE_ARGUMENTS);
     }
 }

@@ -23,6 +23,7 @@ Float32 = NDArray[np.float32]
 _SH0 = 0.28209479177387814  # the harmonic of degree 0
 _HARMONICS = (1, 4, 9, 16)
 _REACH = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
+_STRAY = 0.005  # share of the Gaussians that may lie outside of the bounds on each side
 _INSERTIONS = (
     (32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
     (2, 0x1249249249249249),
@@ -35,7 +36,8 @@ class Gaussians(Immutable):
     `pyibr.render` blends all Gaussians of a picture together, sorted by the distance of their means, in front of the
     opaque things. The picture does not depend on the order of the Gaussians or of the clouds. `Frame.alpha` is the
     picture's opacity. The depth is that of the Gaussian at which the transmittance falls to one half, on its plane;
-    pixels with more transmittance and nothing opaque behind are not valid. Gaussians neither cast nor receive shadows.
+    pixels with more transmittance and nothing opaque behind are not valid. With a light that casts shadows, Gaussians
+    cast shadows from this depth on other things, and shadows of opaque things darken them.
 
     Parameters
     ----------
@@ -152,13 +154,17 @@ class Gaussians(Immutable):
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(low, high), each (3,), in the world: a box around the visible part of every Gaussian."""
+        """(low, high), each (3,), in the world: a box around the Gaussians.
+
+        Along each axis, the lowest and the highest half per cent are left out, as clouds of photographs have stray ones.
+        """
         return self._bounds
 
     @cached_property
     def _bounds(self) -> tuple[Float64, Float64]:
         reach = _REACH * self.scales.max(axis=1, keepdims=True).astype(np.float64)
-        return (self.means - reach).min(axis=0), (self.means + reach).max(axis=0)
+        low = np.quantile(self.means - reach, _STRAY, axis=0, method="lower")
+        return low, np.quantile(self.means + reach, 1 - _STRAY, axis=0, method="higher")
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw nothing: Gaussians are not opaque, and are blended after all opaque things."""
@@ -166,7 +172,7 @@ class Gaussians(Immutable):
     @staticmethod
     def blend_together(things: Sequence[Gaussians], target: Target, lighting: Lighting | None) -> None:
         """Blend clouds together into a target."""
-        blend_clouds([cached_on_device(cloud, "planes", cloud._planes) for cloud in things], target)
+        blend_clouds([cached_on_device(cloud, "planes", cloud._planes) for cloud in things], target, lighting)
 
     def _planes(self) -> Planes:
         """Upload the cloud to the current device, in an order that depends only on its Gaussians."""

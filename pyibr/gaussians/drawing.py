@@ -18,6 +18,7 @@ from pyibr.opencl.headers import constant
 from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, empty, upload
 from pyibr.opencl.program import Kernel, kernel
+from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 from pyibr.raster.bins import list_boxes, place_counts
 
@@ -59,8 +60,8 @@ def planes_of(columns: Sequence[NDArray[np.float32]], order: NDArray[np.int64]) 
     return upload(planes)
 
 
-def blend_clouds(clouds: Sequence[Planes], target: Target) -> None:
-    """Blend clouds into the target, together."""
+def blend_clouds(clouds: Sequence[Planes], target: Target, lighting: Lighting | None) -> None:
+    """Blend clouds into the target, together, in the shadows of opaque things."""
     if len(clouds) > 1:  # which cloud comes first at equal distances must not depend on the caller's order
         clouds = sorted(clouds, key=lambda cloud: cloud.digest)
     count = sum(cloud.values.shape[1] for cloud in clouds)
@@ -68,7 +69,7 @@ def blend_clouds(clouds: Sequence[Planes], target: Target) -> None:
     boxes, keys = empty((count, 4), np.uint16), empty((count,), np.uint32)
     first = 0
     for cloud in clouds:
-        _project(cloud, target, first, records, boxes, keys)
+        _project(cloud, target, lighting, first, records, boxes, keys)
         first += cloud.values.shape[1]
     places, visible = _sorted_by_distance(target, keys)
     ordered, profile = empty(boxes.shape, np.uint16), current().profile
@@ -90,25 +91,34 @@ def blend_clouds(clouds: Sequence[Planes], target: Target) -> None:
     )
 
 
-def _kernel(target: Target, name: str) -> Kernel:
-    return kernel("gaussians/gaussians.cl", name, BIN=_BIN, **target.color_defines)
+def _kernel(target: Target, name: str, **defines: int) -> Kernel:
+    return kernel("gaussians/gaussians.cl", name, BIN=_BIN, **target.color_defines, **defines)
 
 
 def _project(
-    cloud: Planes, target: Target, first: int, records: DeviceArray, boxes: DeviceArray, keys: DeviceArray
+    cloud: Planes,
+    target: Target,
+    lighting: Lighting | None,
+    first: int,
+    records: DeviceArray,
+    boxes: DeviceArray,
+    keys: DeviceArray,
 ) -> None:
     """Project a cloud's Gaussians to the elements from `first` on."""
     (rows, pitch), profile = cloud.values.shape, current().profile
     origin: Float64 = target.camera.center.astype(np.float32).astype(np.float64)
     axes: dict[str, Any] = {f"origin_{name}": float(value) for name, value in zip("xyz", origin, strict=True)}
+    defines = dict[str, int]()
+    if lighting is not None and lighting.maps is not None:
+        defines, axes = lighting.defines, axes | lighting.arguments(origin=origin, opaque=True)
     launch(
-        _kernel(target, "project_gaussians"),
+        _kernel(target, "project_gaussians", **defines),
         profile.packets(pitch, 1, profile.strip)[:1],
         planes=cloud.values,
         pitch=pitch,
         degree=math.isqrt((rows - int(constant("gaussians/project.cl", "SHAPE"))) // 3) - 1,
         low_pass=cloud.low_pass * target.side**2,
-        near_z=cloud.near,
+        near_z=0.0 if target.from_light else cloud.near,
         screen=Struct("Screen", target.screen(1.0, origin)),
         first=first,
         records=records,

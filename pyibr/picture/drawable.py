@@ -94,15 +94,14 @@ class Blending(Protocol):
 
 
 def blend_things(drawables: Iterable[Drawable], target: Target, lighting: Lighting | None) -> None:
-    """Blend those things that are `Blending`: all things of one function together."""
+    """Blend things that are `Blending`: all things of one function together."""
     together: dict[Callable[..., None], list[Drawable]] = {}
     for drawable in drawables:
-        if hasattr(drawable, "blend_together"):
-            kind = cast("Any", type(drawable))
-            if not isinstance(inspect.getattr_static(kind, "blend_together", None), staticmethod):
-                raise ArgumentError("things", "classes with a static method `blend_together`", kind.__qualname__)
-            together.setdefault(kind.blend_together, []).append(drawable)
-            target.made_alpha()
+        kind = cast("Any", type(drawable))
+        if not isinstance(inspect.getattr_static(kind, "blend_together", None), staticmethod):
+            raise ArgumentError("things", "classes with a static method `blend_together`", kind.__qualname__)
+        together.setdefault(kind.blend_together, []).append(drawable)
+        target.made_alpha()
     for blend, things in together.items():
         blend(things, target, lighting)
 

@@ -95,14 +95,19 @@ def render(
     dtype = color_dtype_of(drawables)
     around = _checked_background(background, dtype)
     with one_call():
-        bounds = [_bounds_of(one) for one in drawables if not hasattr(one, "blend_together")]
+        bounds = [_bounds_of(one) for one in drawables]
+        blended = [one for one in drawables if hasattr(one, "blend_together")]
 
         def draw_for_light(target: Target) -> None:
             for drawable in drawables:
                 drawable.draw(target, None)
             target.clear()  # if nothing was drawn
 
-        lit = None if light is None else lighting(light, several, bounds, draw_for_light, dtype)
+        def blend_for_light(target: Target) -> None:
+            blend_things(blended, target, None)
+
+        casters = draw_for_light, blend_for_light if blended else None
+        lit = None if light is None else lighting(light, several, bounds, *casters, dtype)
 
         def draw_all(target: Target) -> None:
             for drawable in drawables:
@@ -117,7 +122,7 @@ def render(
                     cast("Finishing", drawable).finish(target)
             target.hide_guesses()
             target.show_background()
-            blend_things(drawables, target, lit)
+            blend_things(blended, target, lit)
 
         return parts.drawn(draw_all, dtype=dtype, anisotropy=readings, background=around).frame()
 
