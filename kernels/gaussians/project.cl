@@ -2,7 +2,8 @@
  *
  * The map from the world to pixels and nearness is linearised at each Gaussian's mean, but not farther than 15 % outside
  * of the picture. The covariance on the screen is the sum of a_i a_i^T over the three projected axes a_i, plus
- * `low_pass` on its diagonal. Determinants are sums of squares of cross products (Cauchy-Binet), which do not cancel.
+ * `low_pass` on its diagonal. Determinants are sums of squares of cross products (Cauchy-Binet), which do not cancel. If
+ * `antialiased`, the opacity falls as the covariance's area grows by `low_pass` (Yu et al. 2024, Mip-Splatting).
  * Deviation: a splat has a plane, through the mean and, for each pixel, through the place on its ray where the Gaussian
  * is densest. It is the regression of nearness on pixels; for a flat Gaussian it is the Gaussian's own plane.
  *
@@ -41,7 +42,8 @@ INLINED Vector along_axes(Vector to, Vector first, Vector second, Vector third, 
 
 /* Sets the splats' shape and plane, from the changes of u, v and nearness along the axes. Returns the determinant of
  * the covariance on the screen; reach_x: half the splats' width in pixels. */
-INLINED floatl set_shape(Splats *splats, Vector u, Vector v, Vector n, float low_pass, floatl *reach_x)
+INLINED floatl set_shape(Splats *splats, Vector u, Vector v, Vector n, float low_pass, int antialiased,
+                         floatl *reach_x)
 {
     const floatl uu = DOT(u, u), vv = DOT(v, v), wide = uu + low_pass, high = vv + low_pass;
     const Vector uv = cross_product(u, v);
@@ -53,6 +55,8 @@ INLINED floatl set_shape(Splats *splats, Vector u, Vector v, Vector n, float low
     splats->across = HALF_LOG2_E / wide;
     splats->along = sqrt(HALF_LOG2_E * wide / determinant);
     splats->lean = splats->along * DOT(u, v) / wide;
+    if (antialiased)
+        splats->strength += 0.5f * log2(area / determinant);
     const floatl least = max_lanes(splats->strength - LEAST_OPACITY_LOG2, (floatl)0.0f) * (1.0f / HALF_LOG2_E);
     splats->reach = sqrt(least * high) * 1.0001f;
     *reach_x = sqrt(least * wide) * 1.0001f;
@@ -78,7 +82,7 @@ INLINED floatl share_of_light(Vector p, Vector scales SHADE_PARAMETERS)
 #endif
 
 INLINED void project_packet(global const float *planes, int pitch, int degree, Vector origin, float low_pass,
-                            float near_z, Screen screen, global float *records, global ushort *boxes,
+                            int antialiased, float near_z, Screen screen, global float *records, global ushort *boxes,
                             global uint *keys SHADE_PARAMETERS)
 {
 #define SHAPE_PLANE(k) load_lanes(planes + (size_t)(k) * pitch)
@@ -104,7 +108,7 @@ INLINED void project_packet(global const float *planes, int pitch, int degree, V
     const Vector by_n = along_axes(gradient(m, 3, splats.nearness, inverse), first, second, third, scales);
 #undef SHAPE_PLANE
     floatl reach_x;
-    const floatl determinant = set_shape(&splats, by_u, by_v, by_n, low_pass, &reach_x);
+    const floatl determinant = set_shape(&splats, by_u, by_v, by_n, low_pass, antialiased, &reach_x);
     const floatl deep = PLANE_SIGMAS * sqrt(DOT(by_n, by_n)) * (screen.perspective ? z * z : (floatl)1.0f);
     splats.least = DEPTH_OF(screen.perspective, z + deep);
     splats.most = DEPTH_OF(screen.perspective, max_lanes(z - deep, (floatl)near_z));
@@ -131,14 +135,14 @@ INLINED void project_packet(global const float *planes, int pitch, int degree, V
 }
 
 kernel void project_gaussians(global const float *planes, int pitch, int degree, float origin_x, float origin_y,
-                              float origin_z, float low_pass, float near_z, Screen screen, int first,
+                              float origin_z, float low_pass, int antialiased, float near_z, Screen screen, int first,
                               global float *records, global ushort *boxes, global uint *keys SHADE_PARAMETERS)
 {
     const int from = get_global_id(0) * STRIP * LANES;
     const Vector origin = {origin_x, origin_y, origin_z};
     for (int i = from; i < min(from + STRIP * LANES, pitch); i += LANES) {
         const size_t to = (size_t)first + i;
-        project_packet(planes + i, pitch, degree, origin, low_pass, near_z, screen, records + RECORD * to,
+        project_packet(planes + i, pitch, degree, origin, low_pass, antialiased, near_z, screen, records + RECORD * to,
                        boxes + 4 * to, keys + to SHADE_ARGUMENTS);
     }
 }

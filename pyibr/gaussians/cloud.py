@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pyibr.core.checks import Float64, Immutable, checked_colors, describe, fits, locked, number_from, numbers
+from pyibr.core.checks import (
+    Float64,
+    Immutable,
+    checked_bool,
+    checked_colors,
+    describe,
+    fits,
+    locked,
+    number_from,
+    numbers,
+)
 from pyibr.core.errors import ArgumentError
 from pyibr.gaussians.drawing import Planes, blend_clouds, planes_of
 from pyibr.gaussians.files import LARGEST, read_gaussians, write_gaussians
@@ -57,6 +67,9 @@ class Gaussians(Immutable):
     low_pass : float
         Variance in pixels^2 that is added to each Gaussian on the screen, so that none is missed between pixels. 0
         draws them as they are. With several samples per pixel, it counts in the picture's pixels, too.
+    antialiased : bool
+        Whether Gaussians become fainter as `low_pass` makes them larger, so that they stop as much light in all. Set it
+        for scenes that were trained so (Mip-Splatting, Yu et al. 2024; gsplat's "antialiased").
     near : float
         Least depth of a mean, in scene units; nearer Gaussians are not drawn.
 
@@ -89,6 +102,7 @@ class Gaussians(Immutable):
         sh: ArrayLike | None = None,
         *,
         low_pass: float = 0.3,
+        antialiased: bool = False,
         near: float = 0.2,
     ) -> None:
         self.means = _checked("means", means, (None, 3), -LARGEST)
@@ -104,6 +118,7 @@ class Gaussians(Immutable):
         if self.sh.shape[1] not in _HARMONICS:
             raise ArgumentError("sh", "1, 4, 9 or 16 coefficients, (N, K, 3)", describe(self.sh))
         self.low_pass = number_from("low_pass", low_pass, 0, 1e6, "a variance in pixels^2, from 0 to 1e6")
+        self.antialiased = checked_bool("antialiased", antialiased)
         self.near = number_from("near", near, 1e-6, 1e9, "a depth in scene units, from 1e-6 to 1e9")
 
     def __len__(self) -> int:
@@ -123,7 +138,7 @@ class Gaussians(Immutable):
         ----------
         path : path
         **options
-            `low_pass` and `near`, as in the constructor.
+            `low_pass`, `antialiased` and `near`, as in the constructor.
 
         Raises
         ------
@@ -156,7 +171,7 @@ class Gaussians(Immutable):
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: a box around the Gaussians.
 
-        Along each axis, the lowest and the highest half per cent are left out, as clouds of photographs have stray ones.
+        Along each axis, half a per cent is left out at either end, as clouds of photographs have stray Gaussians.
         """
         return self._bounds
 
@@ -176,7 +191,7 @@ class Gaussians(Immutable):
 
     def _planes(self) -> Planes:
         """Upload the cloud to the current device, in an order that depends only on its Gaussians."""
-        return Planes(planes_of(self._columns, self._order), self.low_pass, self.near)
+        return Planes(planes_of(self._columns, self._order), self.low_pass, self.antialiased, self.near)
 
     @property
     def _columns(self) -> list[Float32]:

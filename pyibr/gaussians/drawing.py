@@ -36,12 +36,13 @@ class Planes:
 
     values: DeviceArray  # (SHAPE + 3 * harmonics, pitch) float32
     low_pass: float
+    antialiased: bool
     near: float
 
     @cached_property
     def digest(self) -> bytes:
         """Digest of the Gaussians and the options."""
-        made = hashlib.blake2b(np.array([self.low_pass, self.near]).data)
+        made = hashlib.blake2b(np.array([self.low_pass, self.antialiased, self.near]).data)
         made.update(self.values.to_host().data)
         return made.digest()
 
@@ -118,6 +119,7 @@ def _project(
         pitch=pitch,
         degree=math.isqrt((rows - int(constant("gaussians/project.cl", "SHAPE"))) // 3) - 1,
         low_pass=cloud.low_pass * target.side**2,
+        antialiased=int(cloud.antialiased),
         near_z=0.0 if target.from_light else cloud.near,
         screen=Struct("Screen", target.screen(1.0, origin)),
         first=first,

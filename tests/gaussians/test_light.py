@@ -9,7 +9,9 @@ import pyibr as ibr
 from tests.one_lane import one_lane
 
 CAMERA = ibr.Camera.look_at((0, -3, 3), (0, 0, 0), (0, 0, 1), (161, 121), fov_y=45)
-FLOOR = ibr.Mesh([[-3, -3, 0], [3, -3, 0], [3, 3, 0], [-3, 3, 0]], [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 200, np.uint8))
+FLOOR = ibr.Mesh(
+    [[-3, -3, 0], [3, -3, 0], [3, 3, 0], [-3, 3, 0]], [[0, 1, 2], [0, 2, 3]], colors=np.full((4, 3), 200, np.uint8)
+)
 SUN = ibr.Light(direction=(0, 0, -1), ambient=0.25, shadow_size=256)
 LAMP = ibr.Light(position=(0, 0, 4), ambient=0.25, shadow_size=256)
 

@@ -42,7 +42,9 @@ def test_long_thin_and_large_ones_equal_the_reference():
     check(ibr.render(thing, view), blended([thing], view))
 
 
-@pytest.mark.parametrize("changes", [{"low_pass": 0}, {"near": 4.0}, {"sh": 20 * cloud(500).sh}], ids="".join)
+@pytest.mark.parametrize(
+    "changes", [{"low_pass": 0}, {"antialiased": True}, {"near": 4.0}, {"sh": 20 * cloud(500).sh}], ids="".join
+)
 def test_options_and_bright_colours_equal_the_reference(changes):
     thing, view = cloud(500, size=0.02), camera()
     other = like(thing, **changes)

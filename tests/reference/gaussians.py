@@ -62,6 +62,9 @@ def projected(cloud: ibr.Gaussians, camera: ibr.Camera) -> list[tuple[float, ...
     slope = np.linalg.solve(flat[:, :2, :2] + SHARP * np.eye(2), flat[:, :2, 2:])[..., 0]
     covariance = (flat[:, :2, :2] + cloud.low_pass * np.eye(2)).reshape(-1, 4)[:, [0, 1, 3]]
     opacities, bounds = cloud.opacities.astype(np.float64), (1 / end if perspective else -end for end in ends)
+    if cloud.antialiased:
+        before = np.linalg.det(flat[:, :2, :2])
+        opacities *= np.sqrt(before / np.linalg.det(covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2)))
     made = (far if perspective else z, u, v, *covariance.T, opacities, nearness, *slope.T, *bounds, *color.T)
     drawn = (z > cloud.near) & (opacities > 1 / 255)
     return [tuple(one) for one in np.stack(made, axis=1)[drawn]]
