@@ -1,7 +1,7 @@
 """New views from images with depth, on any OpenCL device.
 
-Importing this package touches no device, and loads neither pyopencl nor OpenCV. `slicing`, `relief`, `depthmesh` and
-the pages are loaded on first use.
+Importing this package touches no device, and loads neither pyopencl nor OpenCV. `slicing`, `relief`, `depthmesh`,
+`gaussians` and the pages are loaded on first use.
 """
 
 from __future__ import annotations
@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from pyibr.capture.stereo import stereo
     from pyibr.capture.turntable import turntable
     from pyibr.depthmesh import DepthMesh, DepthMeshObject
+    from pyibr.gaussians import Gaussians
     from pyibr.io.video import Video
     from pyibr.io.video_writing import write_video
     from pyibr.relief import ReliefSurface
@@ -81,6 +82,7 @@ _LATER = {
     "capture.stereo": ("stereo",),
     "capture.turntable": ("turntable",),
     "depthmesh": ("DepthMesh", "DepthMeshObject"),
+    "gaussians": ("Gaussians",),
     "io.video": ("Video",),
     "io.video_writing": ("write_video",),
     "relief": ("ReliefSurface",),
@@ -102,6 +104,7 @@ __all__ = [
     "Error",
     "FileFormatError",
     "Frame",
+    "Gaussians",
     "Lens",
     "Light",
     "Mesh",

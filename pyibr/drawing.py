@@ -13,12 +13,13 @@ from pyibr.opencl.launch import Struct, launch
 from pyibr.opencl.memory import DeviceArray, copy, empty, to_host, upload
 from pyibr.opencl.program import kernel
 from pyibr.picture.deferred import Entry, entry_for
-from pyibr.picture.drawable import Drawable, Finishing, Guessing, as_drawable
+from pyibr.picture.drawable import Blending, Drawable, Finishing, Guessing, as_drawable
 from pyibr.picture.samples import view_of
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
 __all__ = [
+    "Blending",
     "DeviceArray",
     "Drawable",
     "Entry",

@@ -22,10 +22,11 @@ HAIR = 0.002  # target pixels: kernels treat a ray that passes a sample within h
 
 
 def same_bits(a: Frame, b: Frame) -> None:
-    """Assert that two frames show the same pixels, with the same bits of depth and colour."""
+    """Assert that two frames show the same pixels, with the same bits of depth, colour and alpha."""
     np.testing.assert_array_equal(a.valid, b.valid)
     np.testing.assert_array_equal(a.depth.view(np.uint32), b.depth.view(np.uint32))
     np.testing.assert_array_equal(a.color, b.color)
+    np.testing.assert_array_equal(a.alpha, b.alpha)
 
 
 def off(found: Array, expected: Array) -> Array:

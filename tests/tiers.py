@@ -12,7 +12,7 @@ LEFT = "thorough", "product"
 """Markers: `make test` skips tests with either marker, `make test-all` skips tests marked "product"."""
 COLLECTED = pytest.StashKey[dict[str, set[str]]]()
 """All collected tests, each with its markers from `LEFT`."""
-DRAWING = {"capture", "cleaning", "depthmesh", "picture", "raster", "relief", "slicing", "warp"}
+DRAWING = {"capture", "cleaning", "depthmesh", "gaussians", "picture", "raster", "relief", "slicing", "warp"}
 """Folders whose tests draw."""
 _DRAWN = 2  # cases of such a test that `make test` runs
 

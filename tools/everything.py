@@ -129,6 +129,19 @@ def _from_noisy_depth() -> list[NDArray[Any]]:
     return arrays_of(ibr.render(ibr.DepthMesh(noisy), view.camera.moved(0.2, 0, 0)))
 
 
+def _gaussians() -> list[NDArray[Any]]:
+    rng, count = np.random.default_rng(0), 3000
+    shape = rng.uniform(0.01, 0.2, (count, 3)), rng.normal(size=(count, 4)), rng.random(count)
+    cloud = ibr.Gaussians(rng.normal(0, 0.7, (count, 3)), *shape, sh=rng.normal(0, 0.3, (count, 16, 3)))
+    bent = ibr.Camera(CAMERA.K, SIZE, CAMERA.world_from_camera, lens=LENS)
+    frames = (
+        ibr.render([cloud, models.donut(12)], CAMERA),
+        ibr.render(cloud, CAMERA, samples=4),
+        ibr.render(cloud, bent),
+    )
+    return [array for frame in frames for array in arrays_of(frame)]
+
+
 def calls() -> dict[str, Call]:
     """Return the calls by name. Each call makes new things, and returns the arrays of all its results."""
     views, base = object_views(models.donut(20), 32), models.donut(12)
@@ -174,6 +187,7 @@ def calls() -> dict[str, Call]:
         "depth mesh object": drawn(lambda: ibr.DepthMeshObject(views)),
         "depth mesh of noise": _from_noisy_depth,
         "simplified": _simplified,
+        "gaussians": _gaussians,
         "captured": lambda: [capture(base, ibr.Camera(CAMERA.K, SIZE, CAMERA.world_from_camera, lens=LENS)).depth],
         "meshed": lambda: [ibr.DepthObject(views).to_mesh(16).vertices],
     }

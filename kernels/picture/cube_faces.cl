@@ -9,8 +9,10 @@
  * the face, NaN if the pixel's ray hits another face; and the depth in the lens's frame, divided by that in the face's
  * frame. face_depth, face_color, face_valid: (face_height, face_width); depth is NaN if empty. depth, color, valid:
  * (height, width); pixels of other faces are emptied if this face is the `first`, else unchanged. With ORIGINS, CLASSES
- * or GUESSES, the origins, classes or guesses are copied, too; pixels without a ray get the class `unseen`. Work-item:
- * STRIP * LANES pixels of a row. Cost: O(pixels). Determinism: pixels are independent.
+ * or GUESSES, the origins, classes or guesses are copied, too; pixels without a ray get the class `unseen`. With ALPHA,
+ * opacities are read as colours are; both are also interpolated where an opacity is neither 0 nor 1. Pixels without a
+ * ray show the background (red, green, blue). Work-item: STRIP * LANES pixels of a row. Cost: O(pixels). Determinism:
+ * pixels are independent.
  */
 #include "lib/color.h"
 #include "lib/surface.h"
@@ -25,11 +27,20 @@
 #ifndef GUESSES
 #define GUESSES 0 /* 1: depths of guessed surface, `guesses`, are copied, too */
 #endif
+#ifndef ALPHA
+#define ALPHA 0 /* 1: opacities, `alpha`, are read, too */
+#endif
+#if ALPHA
+#define FACE_ALPHA face_alpha
+#else
+#define FACE_ALPHA 0
+#endif
 
 typedef struct {
     global const float *depth;
     global const channel *color;
     global const uchar *valid;
+    global const float *alpha;
     int width, height;
 } Face;
 
@@ -37,7 +48,8 @@ typedef struct {
     intl own;         /* mask: the pixel's ray hits this face */
     intl x, y, whole; /* the first of the four pixels around the place; mask: the four show one surface */
     intl nearest;     /* index of the nearest pixel */
-    floatl weights[4], z;
+    intl mixed;       /* mask: colour and opacity are interpolated */
+    floatl weights[4], z, alpha;
     Color color;
 } Reading;
 
@@ -58,6 +70,22 @@ INLINED intl is_on_slope(floatl a, floatl b, floatl c, floatl d)
 {
     const floatl step = c - b, small = ONE_SURFACE * min_lanes(b, c);
     return (fabs(step) <= small) | (fabs(b - a - step) <= small) | (fabs(d - c - step) <= small);
+}
+
+/* Reads the opacities. Where one of the four is neither 0 nor 1, colour and opacity are interpolated. */
+INLINED void read_alpha(Reading *read, Face face, intl linear)
+{
+    const intl there = (read->x >= 0) & (read->x + 1 < face.width) & (read->y >= 0) & (read->y + 1 < face.height);
+    intl soft = 0;
+    floatl sum = 0.0f;
+    for (int i = 0; i < 4; i++) {
+        const intl at = (read->y + (i >> 1)) * face.width + read->x + (i & 1);
+        const floatl opacity = (floatl)(gather(face.alpha, select_lanes(there, at, read->nearest)));
+        soft = soft | ((opacity > 0.0f) & (opacity < 1.0f));
+        sum += read->weights[i] * opacity;
+    }
+    read->mixed = read->whole | (soft & there & read->own & linear);
+    read->alpha = select_lanes(read->mixed, sum, (floatl)(gather(face.alpha, read->nearest)));
 }
 
 INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, int linear, int filled)
@@ -105,28 +133,30 @@ INLINED Reading read_face(Face face, floatl u_own, floatl v_own, floatl deeper, 
     read.y = up;
     const int count = face.width * face.height;
     read.color = read_color(face.color, read.nearest, count);
-    if (CHANNELS && any_lane(read.whole)) {
+    read.mixed = read.whole;
+    if (ALPHA)
+        read_alpha(&read, face, (intl)(linear ? -1 : 0));
+    if (CHANNELS && any_lane(read.mixed)) {
         Color mixed = {0.0f, 0.0f, 0.0f};
         for (int i = 0; i < 4; i++)
             add_color(&mixed, read.weights[i],
                       read_color(face.color, (up + (i >> 1)) * face.width + x + (i & 1), count));
-        read.color = select_color(read.whole, mixed, read.color);
+        read.color = select_color(read.mixed, mixed, read.color);
     }
     return read;
 }
 
-/* Writes the first `count` of a packet's pixels. Pixels of other faces are emptied if `empties` is 1, else
- * unchanged. */
-INLINED void write_packet(const Reading *read, Face face, int count, int empties, global float *depth,
+/* Writes the first `count` of a packet's pixels. Pixels of other faces are emptied if `empties` is 1, and show the
+ * colour `around`; else they are unchanged. */
+INLINED void write_packet(const Reading *read, Face face, int count, int empties, Color around, global float *depth,
                           global channel *color, global uchar *valid)
 {
     const intl own = read->own;
     if (count == LANES && (empties || !any_lane(!own))) {
-        const Color none = {0.0f, 0.0f, 0.0f};
         const WIDE(uchar) shows = (WIDE(uchar))(gather(face.valid, read->nearest));
         store_lanes(select_lanes(own, read->z, (floatl)NAN), depth);
         store_bytes(to_ucharl(select_lanes(own, to_intl(shows), (intl)0)), valid);
-        write_color(color, select_color(own, read->color, none));
+        write_color(color, select_color(own, read->color, around));
         return;
     }
     for (int lane = 0; lane < count; lane++) {
@@ -135,7 +165,8 @@ INLINED void write_packet(const Reading *read, Face face, int count, int empties
             continue;
         depth[lane] = is_own ? float_lane(read->z, lane) : NAN;
         valid[lane] = is_own ? face.valid[int_lane(read->nearest, lane)] : 0;
-        write_pixel(color + CHANNELS * lane, is_own ? rounded_channel(color_lane(read->color, lane)) : (float3)(0.0f));
+        const Color made = select_color(own, read->color, around);
+        write_pixel(color + CHANNELS * lane, rounded_channel(color_lane(made, lane)));
     }
 }
 
@@ -206,8 +237,8 @@ INLINED void copy_guesses(const Reading *read, Face face, int count, global cons
 
 kernel void join_faces(global const float *places, global const float *face_depth, global const channel *face_color,
                        global const uchar *face_valid, int face_width, int face_height, int width, int height,
-                       int pitch, int first, int linear, int filled, global float *depth, global channel *color,
-                       global uchar *valid
+                       int pitch, int first, int linear, int filled, float red, float green, float blue,
+                       global float *depth, global channel *color, global uchar *valid
 #if ORIGINS
                        ,
                        global const float *face_source, global const int *face_source_view, global float *source,
@@ -221,12 +252,17 @@ kernel void join_faces(global const float *places, global const float *face_dept
                        ,
                        global const float *face_guesses, global float *guesses
 #endif
+#if ALPHA
+                       ,
+                       global const float *face_alpha, global float *alpha
+#endif
 )
 {
     const int y = get_global_id(1);
     if (y >= height)
         return;
-    const Face face = {face_depth, face_color, face_valid, face_width, face_height};
+    const Face face = {face_depth, face_color, face_valid, FACE_ALPHA, face_width, face_height};
+    const Color around = {red, green, blue};
     const size_t plane = (size_t)height * pitch;
     for (int x0 = get_global_id(0) * STRIP * LANES, packet = 0; packet < STRIP && x0 < width; x0 += LANES, packet++) {
         global const float *place = places + (size_t)y * pitch + x0;
@@ -234,7 +270,7 @@ kernel void join_faces(global const float *places, global const float *face_dept
                                        load_lanes(place + 2 * plane), linear, filled);
         const size_t at = (size_t)y * width + x0;
         const int count = min(LANES, width - x0);
-        write_packet(&read, face, count, first, depth + at, color + CHANNELS * at, valid + at);
+        write_packet(&read, face, count, first, around, depth + at, color + CHANNELS * at, valid + at);
 #if ORIGINS
         copy_origins(&read, face, count, first, face_source, face_source_view, source + 2 * at, source_view + at);
 #endif
@@ -243,6 +279,10 @@ kernel void join_faces(global const float *places, global const float *face_dept
 #endif
 #if GUESSES
         copy_guesses(&read, face, count, face_guesses, depth + at, guesses + at);
+#endif
+#if ALPHA
+        const floatl before = first ? 0.0f : load_first(alpha + at, count, 0.0f);
+        store_first(select_lanes(read.own, read.alpha, before), alpha + at, count);
 #endif
     }
 }

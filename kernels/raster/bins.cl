@@ -17,7 +17,7 @@
  * sort), a row of bins (total_rows). Cost: O(vertices + primitives + list + chunks * bins), plus the sort. Determinism:
  * fixed order.
  */
-#include "lib/screen.h"
+#include "raster/boxes.h"
 
 #ifndef CORNERS
 #define CORNERS 3 /* vertices of a primitive: 3 for triangles, 6 for prisms */
@@ -38,11 +38,6 @@ kernel void project(global const float *vertices, global float *projected, int c
     const float4 made = {POINT_ROW(m, 0, p), POINT_ROW(m, 1, p), POINT_ROW(m, 2, p), POINT_ROW(m, 3, p)};
     vstore4(made, i, projected);
 }
-
-/* The first and last bins, in x and in y, that each of LANES primitives may touch; low > high if there are none */
-typedef struct {
-    intl low_x, high_x, low_y, high_y;
-} Boxes;
 
 typedef struct {
     floatl U, V, W;
@@ -89,43 +84,30 @@ OUTLINED Boxes boxes_of(global const int *corners, global const float *projected
                 low_y = select_lanes(leaves, min_lanes(at_y, low_y), low_y);
                 high_y = select_lanes(leaves, max_lanes(at_y, high_y), high_y);
             }
-    const floatl beside = -1.0f, right = screen.width - 1.0f, bottom = screen.height - 1.0f;
-    /* Clamped to one pixel around the picture, which keeps whole numbers small. */
-    const floatl x0 = ceil_lanes(clamp_lanes(low_x - BIN_MARGIN, (floatl)0.0f, right + 1.0f));
-    const floatl y0 = ceil_lanes(clamp_lanes(low_y - BIN_MARGIN, (floatl)0.0f, bottom + 1.0f));
-    const floatl x1 = floor_lanes(max_lanes(min_lanes(high_x + BIN_MARGIN, right), beside));
-    const floatl y1 = floor_lanes(max_lanes(min_lanes(high_y + BIN_MARGIN, bottom), beside));
-    intl seen = some & (x0 <= x1) & (y0 <= y1);
 #if CORNERS == 3
     if (culled) { /* moved corners (triangle.h) may turn a sliver over: the limit grows with its sides */
         const floatl ax = x[1] - x[0], ay = y[1] - y[0], bx = x[2] - x[0], by = y[2] - y[0];
         const floatl moved = BIN_MARGIN * (1.0f + fabs(ax) + fabs(ay) + fabs(bx) + fabs(by));
-        seen = seen & (!all | ((ax * by - ay * bx) * culled <= moved));
+        some = some & (!all | ((ax * by - ay * bx) * culled <= moved));
     }
 #endif
-    const float per_bin = 1.0f / BIN; /* a power of two: exact */
-    const Boxes boxes = {
-        select_lanes(seen, to_intl(x0 * per_bin), (intl)1), select_lanes(seen, to_intl(x1 * per_bin), (intl)0),
-        select_lanes(seen, to_intl(y0 * per_bin), (intl)1), select_lanes(seen, to_intl(y1 * per_bin), (intl)0)};
-    return boxes;
+    return boxes_within(low_x - BIN_MARGIN, high_x + BIN_MARGIN, low_y - BIN_MARGIN, high_y + BIN_MARGIN, some, screen);
 }
 
-kernel void bound_primitives(global const int *corners, global const float *projected, global short *boxes,
+kernel void bound_primitives(global const int *corners, global const float *projected, global ushort *boxes,
                              int primitives, Screen screen, float nearest_w, int culled)
 {
     const int first = get_global_id(0) * STRIP * LANES, last = min(first + STRIP * LANES, primitives);
     for (int start = first; start < last; start += LANES) {
         const Boxes box = boxes_of(corners, projected, min(start + lane_index, (intl)(last - 1)), screen, nearest_w,
                                    culled);
-        for (int lane = 0; lane < min(LANES, last - start); lane++)
-            vstore4((short4)(int_lane(box.low_x, lane), int_lane(box.high_x, lane), int_lane(box.low_y, lane),
-                             int_lane(box.high_y, lane)), start + lane, boxes);
+        store_boxes(box, last - start, boxes + (size_t)4 * start);
     }
 }
 
 /* Counts a chunk's primitives in each bin; or, with `fills`, writes their indices to `list`, from the places in
  * `counts` on. */
-INLINED void go_through_chunk(global const short *boxes, global int *counts, global int *list, int fills,
+INLINED void go_through_chunk(global const ushort *boxes, global int *counts, global int *list, int fills,
                               int primitives, int chunk, int bins_x, int bins_y)
 {
     const int c = get_global_id(0), first = c * chunk, last = min(first + chunk, primitives);
@@ -133,7 +115,7 @@ INLINED void go_through_chunk(global const short *boxes, global int *counts, glo
         return;
     global int *mine = counts + (size_t)c * bins_x * bins_y;
     for (int i = first; i < last; i++) {
-        const short4 box = vload4(i, boxes);
+        const ushort4 box = vload4(i, boxes);
         for (int y = box.z; y <= box.w; y++)
             for (int x = box.x; x <= box.y; x++) {
                 const int place = mine[y * bins_x + x]++;
@@ -143,7 +125,7 @@ INLINED void go_through_chunk(global const short *boxes, global int *counts, glo
     }
 }
 
-kernel void count_bins(global const short *boxes, global int *counts, int primitives, int chunk, int bins_x, int bins_y)
+kernel void count_bins(global const ushort *boxes, global int *counts, int primitives, int chunk, int bins_x, int bins_y)
 {
     go_through_chunk(boxes, counts, 0, 0, primitives, chunk, bins_x, bins_y);
 }
@@ -192,7 +174,7 @@ kernel void start_bins(global int *counts, global const int *totals, global cons
     }
 }
 
-kernel void fill_bins(global const short *boxes, global int *counts, global int *list, int primitives, int chunk,
+kernel void fill_bins(global const ushort *boxes, global int *counts, global int *list, int primitives, int chunk,
                       int bins_x, int bins_y)
 {
     go_through_chunk(boxes, counts, list, 1, primitives, chunk, bins_x, bins_y);

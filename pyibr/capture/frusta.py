@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyibr.capture.clouds import surface_colors
 from pyibr.capture.sets import SetEntry, entry_json, read_set, write_set
 from pyibr.core.camera import Camera
 from pyibr.core.camera_json import write_json
@@ -161,7 +162,7 @@ class Frustum:
         """
         frame = render(thing, self.camera, light)
         depth = np.where(frame.valid & ~self.mask, frame.depth, np.float32(np.inf))
-        return DepthImage(frame.color, depth, self.camera, far=self.far)
+        return DepthImage(surface_colors(frame), depth, self.camera, far=self.far)
 
     def to_json(self) -> dict[str, Any]:
         """Return the frustum's entry in a file."""

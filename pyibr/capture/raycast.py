@@ -13,6 +13,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyibr.capture.clouds import CloudScene
 from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import (
     Float64,
@@ -28,6 +29,7 @@ from pyibr.core.checks import (
 )
 from pyibr.core.errors import ArgumentError
 from pyibr.core.rotations import upright_axes
+from pyibr.gaussians import Gaussians
 from pyibr.images import DepthImage
 from pyibr.meshes.mesh import Mesh, checked_faces
 from pyibr.meshes.normals import areas, summed_at_corners
@@ -136,6 +138,12 @@ class MeshScene:
         total = summed_at_corners(self.faces, areas(self.vertices, self.faces), len(self.vertices))
         return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
+    @property
+    def bounds(self) -> tuple[Float64, Float64]:
+        """(low, high), each (3,), in the world: a box around the faces."""
+        used = self.vertices[self.faces.ravel()]
+        return used.min(axis=0), used.max(axis=0)
+
     def capture(
         self,
         camera: Camera,
@@ -232,9 +240,10 @@ def capture(
     background: tuple[int, int, int] = (0, 0, 0),
     normals: bool = False,
 ) -> DepthImage:
-    """Take one depth image of a `Mesh`, a `MeshScene` or an Open3D triangle mesh; see `MeshScene.capture`.
+    """Take one depth image of a `Mesh`, a `MeshScene`, an Open3D triangle mesh or `Gaussians`.
 
-    For several cameras, make one `MeshScene` and call its `capture`.
+    See `MeshScene.capture`. The surface of Gaussians is where they stop half of the light. For several cameras, make
+    one `MeshScene` and call its `capture`.
 
     Examples
     --------
@@ -248,13 +257,15 @@ def capture(
     return _as_scene(mesh).capture(camera, layer=layer, background=background, normals=normals)
 
 
-def _as_scene(mesh: Any) -> MeshScene:
-    if isinstance(mesh, MeshScene):
+def _as_scene(mesh: Any) -> MeshScene | CloudScene:
+    if isinstance(mesh, (MeshScene, CloudScene)):
         return mesh
+    if isinstance(mesh, Gaussians):
+        return CloudScene(mesh)
     if isinstance(mesh, Mesh):
         return MeshScene.from_mesh(mesh)
     if not hasattr(mesh, "triangle_uvs") and not hasattr(mesh, "to_legacy"):
-        raise ArgumentError("mesh", "a Mesh, a MeshScene or an Open3D TriangleMesh", describe(mesh))
+        raise ArgumentError("mesh", "a Mesh, a MeshScene, an Open3D TriangleMesh or Gaussians", describe(mesh))
     return MeshScene.from_open3d(mesh)
 
 
@@ -309,7 +320,7 @@ def object_views(
 
     Parameters
     ----------
-    mesh : Mesh, MeshScene or an Open3D triangle mesh
+    mesh : Mesh, MeshScene, an Open3D triangle mesh or Gaussians
     size : int
         Width and height of each image in pixels.
     projection : "orthographic" or "perspective"
@@ -343,7 +354,7 @@ def object_views(
         except ArgumentError as error:
             if error.argument != "camera":
                 raise
-            extents = np.ptp(scene.vertices[scene.faces.ravel()], axis=0)
+            extents = np.subtract(*scene.bounds[::-1])
             pixel, listed = extents.max() * (1 + 2 * margin) / size, ", ".join(f"{extent:g}" for extent in extents)
             expected = f"an object that all six views see, thicker than a pixel of {pixel:.3g} (raise `size`)"
             got = f"extents of {listed}, unseen along {'xyz'[number // 2]}"
@@ -360,8 +371,7 @@ def object_cameras(
     if not float(numbers("margin", margin, ())) >= 0:
         raise ArgumentError("margin", "a number >= 0", describe(margin))
     _check_size(size, 1)
-    used = scene.vertices[scene.faces.ravel()]
-    low, high = used.min(axis=0), used.max(axis=0)
+    low, high = scene.bounds
     edge = float((high - low).max()) * (1 + 2 * margin)
     if not edge > 0:
         raise ArgumentError("mesh", "a mesh of some extent", "vertices that are all at one point")

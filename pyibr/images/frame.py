@@ -60,10 +60,11 @@ class Frame(Pictured):
     view : (H, W) int32, or None
         If requested: the index of the view that each pixel comes from, -1 where not valid.
     alpha : (H, W) float32, or None
-        With several samples per pixel: the fraction of samples that show a surface. The colour is the mean of all
-        samples; without a background and without filled holes, it is the surface's colour times alpha. Filled samples
-        contribute to the pixel's colour, but not to its alpha. The depth is the front surface's among the seen
-        samples, or among the filled samples where no sample was seen.
+        The opacity of each pixel, if there are several samples per pixel or things that are not opaque (`Gaussians`).
+        With several samples, it is the mean of the samples' opacities: 1 where a sample shows a surface, else 0 or that
+        of the Gaussians. The colour is the mean of all samples; without a background and without filled holes, it is
+        the surface's colour times alpha. Filled samples contribute to the pixel's colour, but not to its alpha. The
+        depth is the front surface's among the seen samples, or among the filled samples where no sample was seen.
     guessed : (H, W) bool, or None
         If a drawn object guesses surface, as a closed `DepthMeshObject` does: the pixels that show surface which no
         view saw. With several samples per pixel, one such sample suffices. Guessed pixels are valid, but only for

@@ -1,7 +1,7 @@
 """PLY: a header that describes tables, then their rows as text or binary: vertices with attributes, and faces.
 
-A comment names the texture, as MeshLab and others write it; v runs up there. The points of a range grid lie in rows and
-columns, as in the scans of Stanford's repository.
+Files of 3D Gaussians hold vertices alone. A comment names the texture, as MeshLab and others write it; v runs up there.
+The points of a range grid lie in rows and columns, as in the scans of Stanford's repository.
 """
 
 from __future__ import annotations
@@ -121,12 +121,10 @@ class _Binary:
 
 def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     """Return the mesh in a file's bytes."""
-    elements, order, body, textures = _header(data)
-    source = _Binary(body, order) if order else _Text(body)
-    found = {element.name: (element, _columns(element, source)) for element in elements}
-    if source.left():
-        raise ValueError("more content than the header counts")
+    found, textures = _tables(data)
     element, vertex = found["vertex"]
+    if "f_dc_0" in vertex or "packed_position" in vertex:
+        raise ValueError("it holds 3D Gaussians, not a mesh; pyibr.Gaussians.load reads uncompressed ones")
     _, face = found["face"]
     counts, corners = face["vertex_indices"] if "vertex_indices" in face else face["vertex_index"]
     normals = np.column_stack([vertex[name] for name in ("nx", "ny", "nz")]) if "nx" in vertex else None
@@ -162,6 +160,31 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     )
 
 
+def read_columns(data: bytes) -> dict[str, NDArray[Any]]:
+    """Return the columns of a file's vertices by name, without lists."""
+    found, _ = _tables(data)
+    if "vertex" not in found:
+        raise ValueError("no vertices in the header")
+    element, columns = found["vertex"]
+    return {item.name: columns[item.name] for item in element.properties if not item.counted}
+
+
+def column_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
+    """Return a binary file of vertices with these properties, as float32."""
+    header, rows = _vertex_table([("float", name, values) for name, values in columns.items()])
+    return b"".join(["\n".join([*header, "end_header", ""]).encode("ascii"), rows.data])
+
+
+def _tables(data: bytes) -> tuple[dict[str, tuple[_Element, dict[str, Any]]], list[str]]:
+    """A file's tables with their columns, by name, and the textures' names."""
+    elements, order, body, textures = _header(data)
+    source = _Binary(body, order) if order else _Text(body)
+    found = {element.name: (element, _columns(element, source)) for element in elements}
+    if source.left():
+        raise ValueError("more content than the header counts")
+    return found, textures
+
+
 def mesh_bytes(mesh: MeshArrays) -> bytes:
     """Return a binary file with vertices, normals and colours, without uv and texture."""
     columns = [("float", name, mesh.vertices[:, axis]) for axis, name in enumerate("xyz")]
@@ -169,15 +192,20 @@ def mesh_bytes(mesh: MeshArrays) -> bytes:
         columns += [("float", f"n{name}", mesh.normals[:, axis]) for axis, name in enumerate("xyz")]
     if mesh.colors is not None:
         columns += [("uchar", name, mesh.colors[:, channel]) for channel, name in enumerate(_COLORS[0])]
-    vertices = np.empty(len(mesh.vertices), [(name, "<" + _KINDS[kind]) for kind, name, _ in columns])
-    for _, name, values in columns:
-        vertices[name] = values
+    header, vertices = _vertex_table(columns)
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, mesh.faces
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    header += [f"property {kind} {name}" for kind, name, _ in columns]
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
     return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
+
+
+def _vertex_table(columns: list[tuple[str, str, NDArray[Any]]]) -> tuple[list[str], NDArray[Any]]:
+    """The header's lines and the rows of vertices with columns (kind, name, values)."""
+    rows = np.empty(len(columns[0][2]), [(name, "<" + _KINDS[kind]) for kind, name, _ in columns])
+    for _, name, values in columns:
+        rows[name] = values
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    return header + [f"property {kind} {name}" for kind, name, _ in columns], rows
 
 
 def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:

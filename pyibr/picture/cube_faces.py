@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from pyibr.core.camera import Camera
 from pyibr.core.pixelspace import pitch
 from pyibr.core.undistortion import cube_faces
 from pyibr.images.frame import Frame, PixelClass
 from pyibr.opencl.device import current
 from pyibr.opencl.launch import launch
+from pyibr.opencl.memory import empty
 from pyibr.opencl.program import kernel
 from pyibr.picture.target import Target
 from pyibr.picture.undistort import positions_on_device
@@ -37,13 +40,18 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
     whole.filled = any(target.filled for target in targets)
     guesses = any(target.guesses is not None for target in targets)
     defines = {"ORIGINS": int(whole.source is not None), "CLASSES": int(whole.classes is not None)}
-    defines["GUESSES"] = int(guesses)
+    blended = targets[0].alpha is not None
+    if blended:
+        whole.alpha = empty(whole.depth.shape, np.float32)
+    defines |= {"GUESSES": int(guesses), "ALPHA": int(blended)}
     for number, (face, target) in enumerate(zip(cube_faces(camera), targets, strict=True)):
         told: dict[str, Any] = {**whole.origins, **{f"face_{name}": array for name, array in target.origins.items()}}
         if whole.classes is not None:
             told |= {"face_classes": target.classes, "classes": whole.classes, "unseen": int(PixelClass.OUTSIDE)}
         if guesses:
             told |= {"face_guesses": target.made_guesses(), "guesses": whole.made_guesses()}
+        if blended:
+            told |= {"face_alpha": target.alpha, "alpha": whole.alpha}
         launch(
             kernel("picture/cube_faces.cl", "join_faces", **defines, **target.color_defines),
             profile.packets(*camera.size, profile.strip),
@@ -59,6 +67,7 @@ def joined_faces(targets: Sequence[Target], camera: Camera, out: Frame | None = 
             first=number == 0,
             linear=all(target.mixable for target in targets),
             filled=int(whole.filled),
+            **target.background_arguments,
             **whole.outputs(),
             **told,
         )

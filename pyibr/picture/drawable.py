@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
-from typing import Any, Protocol, runtime_checkable
+import inspect
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +22,9 @@ class Drawable(Protocol):
 
     `pyibr.render` draws any object with these two members together with other things, and the things cast shadows on
     each other. A class of your own needs no base class and no registration. It may have more members:
-    `Guessing.guess`, `Finishing.finish`, and `color_dtype`, the dtype of its colours; if that is float32, so is the
-    picture. Objects manage their own data on the device; `pyibr.opencl.device_cache.cached_on_device` creates it once
-    per device.
+    `Guessing.guess`, `Finishing.finish`, `Blending.blend_together`, and `color_dtype`, the dtype of its colours; if
+    that is float32, so is the picture. Objects manage their own data on the device;
+    `pyibr.opencl.device_cache.cached_on_device` creates it once per device.
 
     Examples
     --------
@@ -74,6 +75,35 @@ class Finishing(Protocol):
         Things finish in their order.
         """
         ...
+
+
+@runtime_checkable
+class Blending(Protocol):
+    """A thing that is not opaque, and casts no shadow. It is blended after all other things are drawn and finished."""
+
+    @staticmethod
+    def blend_together(things: Sequence[Any], target: Target, lighting: Lighting | None) -> None:
+        """Blend all of a picture's things with this same function, in front of the surface in the target.
+
+        Multiply the target's colours by the light that passes, and add the things' own. Update `Target.alpha`, the
+        picture's opacity, which begins as 1 where the picture is valid, else 0. Where half of the light is stopped, set
+        the depth, and `valid` to 1. The picture should not depend on the things' order. Things of several functions are
+        blended function by function, in the order of their first things.
+        """
+        ...
+
+
+def blend_things(drawables: Iterable[Drawable], target: Target, lighting: Lighting | None) -> None:
+    """Blend things that are `Blending`: all things of one function together."""
+    together: dict[Callable[..., None], list[Drawable]] = {}
+    for drawable in drawables:
+        kind = cast("Any", type(drawable))
+        if not isinstance(inspect.getattr_static(kind, "blend_together", None), staticmethod):
+            raise ArgumentError("things", "classes with a static method `blend_together`", kind.__qualname__)
+        together.setdefault(kind.blend_together, []).append(drawable)
+        target.made_alpha()
+    for blend, things in together.items():
+        blend(things, target, lighting)
 
 
 def color_dtype_of(drawables: Iterable[Drawable]) -> np.dtype[Any]:

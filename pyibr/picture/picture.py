@@ -65,7 +65,7 @@ class PictureParts:
         own = whole if self._fine.lens is None else None
         parts: list[Target] = []
         for camera in self._cameras:
-            parts.append(Target(camera, out=own, **kind))
+            parts.append(Target(camera, out=own, side=self._side, **kind))
             draw(parts[-1])
         joined = joined_faces(parts, self._fine, whole)
         return joined if self._side == 1 else _averaged(joined, self._camera, self._side, out)
@@ -90,9 +90,12 @@ def _averaged(fine: Target, camera: Camera, side: int, out: Frame | None) -> Tar
     if fine.guesses is not None:
         target.guesses = empty(target.depth.shape, np.float32)
         told = {"sample_guesses": fine.guesses, "guesses": target.guesses}
+    defines = {"GUESSES": int(bool(told)), "ALPHA": int(fine.alpha is not None)}
+    if fine.alpha is not None:
+        told["sample_alpha"] = fine.alpha
     profile = current().profile
     launch(
-        kernel("picture/average.cl", "average", GUESSES=int(bool(told)), **fine.color_defines),
+        kernel("picture/average.cl", "average", **defines, **fine.color_defines),
         profile.packets(*camera.size, profile.strip),
         sample_depth=fine.depth,
         sample_color=fine.color,

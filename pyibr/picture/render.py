@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pyibr.core.camera import Camera
 from pyibr.core.checks import Float64, describe, instance_of, integer_from, numbers
@@ -16,7 +16,7 @@ from pyibr.images.frame import Frame
 from pyibr.meshes.mesh import Mesh
 from pyibr.opencl.device import one_call
 from pyibr.picture.deferred import light_things
-from pyibr.picture.drawable import Drawable, Finishing, Guessing, as_drawable, color_dtype_of
+from pyibr.picture.drawable import Drawable, Finishing, Guessing, as_drawable, blend_things, color_dtype_of
 from pyibr.picture.light import Light
 from pyibr.picture.picture import PictureParts
 from pyibr.picture.shadow import lighting
@@ -40,9 +40,9 @@ def render(
     ----------
     things : thing or sequence of things
         `DepthImage` (drawn as a `WarpedView` with default options), `WarpedView`, `Mesh`, `SlicedSurface`,
-        `ReliefSurface`, `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, their subclasses, and any other
-        `Drawable`. Each thing has its own options. At equal depth, the first thing wins. Holes are filled after all
-        things are drawn.
+        `ReliefSurface`, `DepthObject`, `VisualHull`, `DepthMesh`, `DepthMeshObject`, `Gaussians`, their subclasses, and
+        any other `Drawable`. Each thing has its own options. At equal depth, the first thing wins. Holes are filled
+        after all things are drawn. Gaussians are blended last, all together.
     camera : Camera
         Perspective or orthographic. With a lens, the picture is drawn without distortion and then resampled along the
         pixels' rays, with depth edges kept.
@@ -96,13 +96,18 @@ def render(
     around = _checked_background(background, dtype)
     with one_call():
         bounds = [_bounds_of(one) for one in drawables]
+        blended = [one for one in drawables if hasattr(one, "blend_together")]
 
         def draw_for_light(target: Target) -> None:
             for drawable in drawables:
                 drawable.draw(target, None)
             target.clear()  # if nothing was drawn
 
-        lit = None if light is None else lighting(light, several, bounds, draw_for_light, dtype)
+        def blend_for_light(target: Target) -> None:
+            blend_things(blended, target, None)
+
+        casters = draw_for_light, blend_for_light if blended else None
+        lit = None if light is None else lighting(light, several, bounds, *casters, dtype)
 
         def draw_all(target: Target) -> None:
             for drawable in drawables:
@@ -116,37 +121,23 @@ def render(
                 if hasattr(drawable, "finish"):
                     cast("Finishing", drawable).finish(target)
             target.hide_guesses()
+            target.show_background()
+            blend_things(blended, target, lit)
 
-        drawn = parts.drawn(draw_all, dtype=dtype, anisotropy=readings)
-        frame = drawn.frame()
-    if around.any():
-        _put_over(frame, around, drawn.filled)
-    return frame
+        return parts.drawn(draw_all, dtype=dtype, anisotropy=readings, background=around).frame()
 
 
-def _checked_background(background: ArrayLike, dtype: np.dtype[Any]) -> Float64:
+def _checked_background(background: ArrayLike, dtype: np.dtype[Any]) -> Float64 | None:
+    """Return the colour as stored, None if it is black, or raise ArgumentError."""
     around = numbers("background", background, (3,))
     if not around.any():
-        return around
+        return None
     in_float = dtype == np.float32
     if (around < 0).any() or (around > (1 if in_float else 255)).any():
         raise ArgumentError("background", f"a colour in the range of {dtype}", describe(background))
     if not in_float and around.max() <= 1 and (around % 1).any():
         raise ArgumentError("background", "a colour from 0 to 255, since colours are uint8", describe(background))
-    return around
-
-
-def _put_over(frame: Frame, background: Float64, filled: bool) -> None:
-    """Show a colour in empty pixels, and in the uncovered part of other pixels unless holes are filled."""
-    color, dtype = frame.color, frame.color.dtype
-
-    def stored(values: Float64) -> NDArray[Any]:
-        return values.astype(dtype) if dtype == np.float32 else np.rint(values).clip(0, 255).astype(dtype)
-
-    color[np.isnan(frame.depth)] = stored(background)
-    if frame.alpha is not None and not filled:
-        partly = (frame.alpha > 0) & (frame.alpha < 1)
-        color[partly] = stored(color[partly] + (1 - frame.alpha[partly, None]) * background)
+    return around if in_float else np.rint(around)
 
 
 def _bounds_of(drawable: Drawable) -> tuple[Float64, Float64]:

@@ -38,18 +38,21 @@ class Lighting:
         (M * size, size) float32: planar depths, M maps one below the other; None without shadows.
     cameras : list of Camera
         Cameras of the maps.
+    opaque : DeviceArray or None
+        The maps of opaque things alone. Their shadows fall on things that are blended, such as Gaussians.
     """
 
     light: Light
     maps: DeviceArray | None = None
     cameras: Sequence[Camera] = ()
+    opaque: DeviceArray | None = None
 
     @property
     def defines(self) -> dict[str, int]:
         """Defines of kernels with a light."""
         return {"LIT": 1} if self.maps is None else {"LIT": 1, "SHADOWED": 1}
 
-    def arguments(self, *, bias: float = 0.0, origin: Float64 | None = None) -> dict[str, Any]:
+    def arguments(self, *, bias: float = 0.0, origin: Float64 | None = None, opaque: bool = False) -> dict[str, Any]:
         """Return the arguments of kernels with a light, by name.
 
         Parameters
@@ -58,11 +61,14 @@ class Lighting:
             Shadow bias in scene units, as for `pyibr.picture.deferred.entry_for`.
         origin : (3,), optional
             Origin of the kernel's points, in the world.
+        opaque : bool
+            Whether only opaque things cast shadows.
         """
         start = np.zeros(3) if origin is None else origin
         made: dict[str, Any] = {"light": Struct("Light", self.light.struct(start))}
         if self.maps is not None:
-            made |= {"shadow_maps": self.maps, "shadow_views": upload(self._views(start))}
+            maps = self.opaque if opaque else self.maps
+            made |= {"shadow_maps": maps, "shadow_views": upload(self._views(start))}
             made |= {"shadow": Struct("Shadow", self._shadow(bias))}
         return made
 
@@ -92,6 +98,7 @@ class _CachedMaps:
     things: Sequence[weakref.ref[Immutable]]
     maps: DeviceArray
     cameras: Sequence[Camera]
+    opaque: DeviceArray
 
     def is_of(self, things: Sequence[object]) -> bool:
         return len(things) == len(self.things) and all(a() is b for a, b in zip(self.things, things, strict=True))
@@ -102,6 +109,7 @@ def lighting(
     things: Sequence[object],
     bounds: Sequence[Bounds],
     draw: Callable[[Target], None],
+    blend: Callable[[Target], None] | None,
     dtype: np.dtype[Any],
 ) -> Lighting:
     """Return the lighting of a scene; draw its shadow maps, if the light casts shadows.
@@ -109,27 +117,32 @@ def lighting(
     A light keeps the maps of its last scene: pictures from other cameras reuse them as long as no thing changes. Maps
     are kept only if all things are `Immutable`; others may change unnoticed.
 
-    bounds: (low, high) of each thing, in the world. draw: draws all shadow casters into a target whose colours have the
-    `dtype` of the picture.
+    bounds: (low, high) of each thing, in the world. draw: draws the opaque things into a target whose colours have the
+    `dtype` of the picture. blend: adds the other things, if there are any.
     """
     if not light.shadow_size:
         return Lighting(light)
     last = cached_on_device(light, "seen", lambda: list[_CachedMaps]())
     for seen in list(last):  # a copy: another thread may draw maps of another scene
         if seen.is_of(things):
-            return Lighting(light, seen.maps, seen.cameras)
+            return Lighting(light, seen.maps, seen.cameras, seen.opaque)
     last.clear()
     cameras = light_cameras(light, bounds)
     size = light.shadow_size
-    maps = empty((len(cameras) * size, size), np.float32)
+    opaque = maps = empty((len(cameras) * size, size), np.float32)
+    if blend is not None:
+        maps = empty(opaque.shape, np.float32)
     for number, camera in enumerate(cameras):
         target = Target(camera, dtype, from_light=True)
         draw(target)
-        copy(target.depth, maps, number * size * size)
+        copy(target.depth, opaque, number * size * size)
+        if blend is not None:
+            blend(target)
+            copy(target.depth, maps, number * size * size)
     fixed = [thing for thing in things if isinstance(thing, Immutable)]
     if len(fixed) == len(things):
-        last[:] = [_CachedMaps([weakref.ref(thing) for thing in fixed], maps, cameras)]
-    return Lighting(light, maps, cameras)
+        last[:] = [_CachedMaps([weakref.ref(thing) for thing in fixed], maps, cameras, opaque)]
+    return Lighting(light, maps, cameras, opaque)
 
 
 def light_cameras(light: Light, bounds: Sequence[Bounds]) -> list[Camera]:

@@ -87,11 +87,16 @@ class Target:
         Maximum number of texture reads along a pixel's footprint; 1 treats each footprint as round.
     pool : dict, optional
         Scratch memory by size, for targets that are drawn one after the other.
+    side : int
+        Number of this target's pixels along each side of the final picture's pixels.
+    background : (3,) array, optional
+        Colour of empty pixels, in the range of the dtype.
 
     Attributes
     ----------
     alpha : (H, W) float32 DeviceArray, or None
-        With several samples per pixel: the fraction of samples that show a surface.
+        The opacity, with several samples per pixel (the fraction of samples that show a surface) or with things that
+        are not opaque.
     guesses : (H, W) float32 DeviceArray, or None
         Depths at which guessed surface was drawn, or None if there is none. A pixel shows guessed surface only if this
         depth equals the picture's depth.
@@ -119,6 +124,8 @@ class Target:
         pool: dict[tuple[int, int], DeviceArray] | None = None,
         channels: int = 3,
         anisotropy: int = 1,
+        side: int = 1,
+        background: NDArray[np.float64] | None = None,
     ) -> None:
         check_pixels("camera", camera.size)
         shape = (camera.height, camera.width)
@@ -141,6 +148,7 @@ class Target:
         self.mixable = True
         self.from_light = from_light
         self.anisotropy = anisotropy
+        self.side, self.background = side, background
         self.gbuffer: GBuffer | None = None
 
     def layer(self) -> Target:
@@ -178,6 +186,29 @@ class Target:
             grid = profile.packets(width, height, profile.strip)
             size = {"width": width, "height": height, "strip": profile.strip}
             launch(kernel("picture/guesses.cl", "hide_guesses"), grid, valid=self.valid, **size)
+
+    def show_background(self) -> None:
+        """Show the background where nothing is drawn, fills included."""
+        if self.background is not None:
+            self._launch("show_background", depth=self.depth, color=self.color, **self.background_arguments)
+
+    def made_alpha(self) -> DeviceArray:
+        """Return the opacities; if there are none, they are made from `valid`."""
+        if self.alpha is None:
+            self.alpha = empty(self.depth.shape, np.float32)
+            self._launch("valid_to_alpha", valid=self.valid, alpha=self.alpha)
+        return self.alpha
+
+    def _launch(self, name: str, **arguments: Any) -> None:
+        (width, height), profile = self.camera.size, current().profile
+        found = kernel("picture/behind.cl", name, **self.color_defines)
+        launch(found, profile.packets(width, height, profile.strip), width=width, height=height, **arguments)
+
+    @property
+    def background_arguments(self) -> dict[str, float]:
+        """The background, black if there is none, by the names of kernel arguments."""
+        color = np.zeros(3) if self.background is None else self.background
+        return dict(zip(("red", "green", "blue"), color.tolist(), strict=True))
 
     def outputs(self) -> dict[str, DeviceArray]:
         """Return the three buffers, by the names of kernel arguments."""

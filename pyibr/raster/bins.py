@@ -75,40 +75,65 @@ def bin_primitives(
     than `sides` are culled.
     """
     count, each = corners.shape
-    profile, defines = current().profile, bin_defines(each) | defines
+    profile, defines = current().profile, {"CORNERS": each} | bin_defines(each) | defines
     columns, rows = (-(-size // defines["BIN"]) for size in target.camera.size)
-    bins = columns * rows
-    chunk = max(-(-count // min(profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)
-    chunks = max(-(-count // chunk), 1)
-    boxes, counts, starts = empty((count, 4), np.int16), empty((chunks, bins), np.int32), empty((bins + 1,), np.int32)
-    totals, row_totals = empty((bins,), np.int32), empty((rows,), np.int32)
+    boxes = empty((count, 4), np.uint16)
     view: dict[str, Any] = {"projected": projected, "screen": Struct("Screen", target.screen(near)), "nearest_w": near}
-    grid = {"bins_x": columns, "bins_y": rows}
-    shared = {"primitives": count, "chunk": chunk, "boxes": boxes, "counts": counts, **grid}
-    sums = {"counts": counts, "totals": totals, "chunks": chunks}
     culled = int(constant("raster/triangle.h", _CULLED[sides]))
 
-    def run(name: str, *items: int, **arguments: Any) -> None:
-        launch(kernel("raster/bins.cl", name, CORNERS=each, **defines), items, **arguments)
-
     packets = profile.packets(count, 1, profile.strip)[:1]
-    run("bound_primitives", *packets, corners=corners, boxes=boxes, primitives=count, culled=culled, **view)
+    _run(defines, "bound_primitives", *packets, corners=corners, boxes=boxes, primitives=count, culled=culled, **view)
+    found, starts = list_boxes(boxes, columns, rows, **defines)
+    if sort:
+        keys = empty(found.shape, np.float32)
+        lists = {"keys": keys, "list": found, "starts": starts}
+        bins = columns * rows
+        _run(defines, "sort_bins", bins, corners=corners, projected=projected, bins=bins, **lists)
+    arguments = {"list": found, "starts": starts, "bins_x": columns, **view}
+    region = 1 if profile.lanes == 1 else defines["BIN"]
+    return Bins(profile.grid((columns, rows), target.camera.size), region, arguments, culled)
+
+
+def list_boxes(boxes: DeviceArray, columns: int, rows: int, **defines: int) -> tuple[DeviceArray, DeviceArray]:
+    """List the boxes, (N, 4) uint16 of kernels/raster/boxes.h, that touch each bin, in their order, bin by bin.
+
+    Returns the list of indices, and the (bins + 1,) starts of the bins in it.
+    """
+    count, bins = boxes.shape[0], columns * rows
+    chunk = max(-(-count // min(current().profile.chunks, max(_COUNTS_MAX // bins, 1))), 1)
+    chunks = max(-(-count // chunk), 1)
+    counts = empty((chunks, bins), np.int32)
+    shared: dict[str, Any] = {"boxes": boxes, "counts": counts, "primitives": count, "chunk": chunk}
+    shared |= {"bins_x": columns, "bins_y": rows}
     counts.fill(0)
-    run("count_bins", chunks, **shared)
-    run("total_bins", bins, **sums, bins=bins)
-    run("total_rows", rows, totals=totals, row_totals=row_totals, **grid)
-    run("start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
+    _run(defines, "count_bins", chunks, **shared)
+    starts, totals = place_counts(counts, columns, rows, **defines)
     # To read the lists' length from the device takes a wait for all earlier launches.
     longest = count * bins
     length = longest if longest <= _UNSYNCHRONIZED else int(totals.to_host().sum(dtype=np.int64))
     if length > _NUMBERED_MAX:
-        parts = f"the picture's parts of {defines['BIN']} x {defines['BIN']} pixels"
-        raise OutOfMemoryError(f"{parts} list {length} primitives in all, more than {_NUMBERED_MAX}")
+        raise OutOfMemoryError(f"the picture's parts list {length} primitives in all, more than {_NUMBERED_MAX}")
     found = empty((max(length, 1),), np.int32)
-    run("fill_bins", chunks, list=found, **shared)
-    if sort:
-        keys = empty(found.shape, np.float32)
-        run("sort_bins", bins, corners=corners, projected=projected, keys=keys, list=found, starts=starts, bins=bins)
-    arguments = {"list": found, "starts": starts, "bins_x": columns, **view}
-    region = 1 if profile.lanes == 1 else defines["BIN"]
-    return Bins(profile.grid((columns, rows), target.camera.size), region, arguments, culled)
+    _run(defines, "fill_bins", chunks, list=found, **shared)
+    return found, starts
+
+
+def place_counts(counts: DeviceArray, columns: int, rows: int, **defines: int) -> tuple[DeviceArray, DeviceArray]:
+    """Replace each chunk's count of elements in each bin, (chunks, bins), by the place where they begin in a list.
+
+    Bins follow each other in the list, and in a bin the chunks. Returns the starts of the bins, (bins + 1,), and their
+    numbers of elements, (bins,).
+    """
+    chunks, bins = counts.shape
+    starts, totals, row_totals = (empty((size,), np.int32) for size in (bins + 1, bins, rows))
+    sums = {"counts": counts, "totals": totals, "chunks": chunks}
+    grid = {"bins_x": columns, "bins_y": rows}
+    _run(defines, "total_bins", bins, **sums, bins=bins)
+    _run(defines, "total_rows", rows, totals=totals, row_totals=row_totals, **grid)
+    _run(defines, "start_bins", columns, rows, **sums, row_totals=row_totals, starts=starts, **grid)
+    return starts, totals
+
+
+def _run(defines: dict[str, int], name: str, *items: int, **arguments: Any) -> None:
+    chosen = defines or {"CORNERS": 3, **bin_defines(3)}  # kernels that list boxes are the same in all builds
+    launch(kernel("raster/bins.cl", name, **chosen), items, **arguments)

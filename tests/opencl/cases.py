@@ -377,6 +377,23 @@ def _depth_meshes(setting: Setting) -> Cases:
             yield f"occupancy {blend} {size}", partial(thing.occupancy, camera)
 
 
+def _gaussians(setting: Setting) -> Cases:
+    """Clouds before and behind a triangle, with Gaussians behind the camera and beside the picture."""
+    rng = np.random.default_rng(0)
+    behind = ibr.Mesh([[-9, -9, 5], [9, -9, 5], [0, 9, 5]], [[0, 1, 2]])
+    for count, degree in ((17, 3), (1, 0), (600, 1))[: setting.choose(1, 2, 3)]:
+        shape = (rng.random((count, 3)), rng.normal(size=(count, 4)), rng.random(count))
+        sh = rng.normal(0, 0.3, (count, (degree + 1) ** 2, 3))
+        cloud = ibr.Gaussians(rng.uniform((-3, -3, -1), (3, 3, 7), (count, 3)), *shape, sh=sh)
+        for camera in _screens(setting):
+            yield f"gaussians {count} {degree} {camera.size}", partial(_draw, setting, [cloud, behind, cloud], camera)
+            bent = ibr.Camera(camera.K, camera.size, lens=ibr.Lens("brown_conrady", [-0.2, 0.02, 0.01, 0.0]))
+            for other, samples in ((camera, 4), (bent, 1)):
+                name = f"gaussians {count} {degree} {camera.size} {samples} {other.lens}"
+                view = setting.view(scenes.smooth, (2, 1), "perspective")
+                yield name, partial(ibr.render, [cloud, view], other, samples=samples)
+
+
 def _relit(setting: Setting) -> Cases:
     for camera, light in product(_screens(setting), _lights(setting)):
         yield f"relit {camera.size}, {light}", partial(_draw, setting, [], camera, light)
@@ -414,6 +431,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], tuple[Callable[[Setting], Cases], ...]]
     "slices": (("raster", "slicing"), (_meshes, _rays, _sorted, _surfaces, _objects)),
     "reliefs": (("relief",), (_reliefs,)),
     "depth meshes": (("depthmesh",), (_depth_meshes,)),
+    "gaussians": (("gaussians",), (_gaussians,)),
 }
 """Folders of `kernels/`, and cases that together run every kernel in them."""
 _WITHOUT_COLORS = (_lenses, _layers, _warps, _bridges, _registrations, _cleanings)
