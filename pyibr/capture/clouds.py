@@ -9,6 +9,7 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.gaussians import Gaussians
 from pyibr.images import DepthImage, Frame
+from pyibr.images.depth_image import Color
 from pyibr.picture.render import render
 
 
@@ -61,9 +62,10 @@ class CloudScene:
         return DepthImage(color, np.where(frame.valid, frame.depth, np.float32(np.inf)), camera)
 
 
-def surface_colors(frame: Frame) -> NDArray[np.uint8]:
+def surface_colors(frame: Frame) -> Color:
     """Return a frame's colours, those of partly transparent pixels without the black behind them."""
     if frame.alpha is None:
         return frame.color
     alpha = np.where(frame.valid, frame.alpha, np.float32(1))[..., None]
-    return np.rint(frame.color / alpha).clip(0, 255).astype(np.uint8)
+    shown = frame.color / alpha
+    return np.rint(shown).clip(0, 255).astype(np.uint8) if frame.color.dtype == np.uint8 else shown.clip(0, 1)

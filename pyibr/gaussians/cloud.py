@@ -178,8 +178,9 @@ class Gaussians(Immutable):
     @cached_property
     def _bounds(self) -> tuple[Float64, Float64]:
         reach = _REACH * self.scales.max(axis=1, keepdims=True).astype(np.float64)
-        low = np.quantile(self.means - reach, _STRAY, axis=0, method="lower")
-        return low, np.quantile(self.means + reach, 1 - _STRAY, axis=0, method="higher")
+        ends = np.sort(self.means - reach, axis=0), np.sort(self.means + reach, axis=0)
+        left_out = int(_STRAY * len(self))
+        return ends[0][left_out], ends[1][len(self) - 1 - left_out]
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw nothing: Gaussians are not opaque, and are blended after all opaque things."""
