@@ -62,6 +62,7 @@ def _warps(setting: Setting) -> Cases:
             for way in (WAYS[0], WAYS[1 + number % (len(WAYS) - 1)]):
                 yield f"{name} {way}", partial(ibr.warp, view, camera, **way, out=setting.frame(camera))
             if pose == "ahead":
+                yield f"{name} searched", partial(ibr.warp, view, camera, method="search", edges="connect")
                 yield f"{name} of two", partial(ibr.warp, [view, beside], camera, classes=True)
                 yield f"{name}, two views, one held", partial(_warp_holding_one, [view, beside], camera)
     view = setting.view(scenes.holed, (13, 9), "perspective")
