@@ -155,12 +155,7 @@ def test_float_colors_and_light():
     thing = cloud(300)
     one, other = ibr.render([view, thing], camera()), ibr.render([floats, thing], camera())
     assert other.color.dtype == np.float32 and np.abs(one.color / 255 - other.color).max() < 1.5 / 255
-    light, card = ibr.Light(direction=(0.3, 0.2, 1), shadow_size=256), wall(3)
-    things = [wall(6), ibr.Mesh(card.vertices / 16 + (0, 0, 3), card.faces)]
-    lit, alone = ibr.render(things, camera(), light), ibr.render(things, camera())
-    behind = ibr.render([*things, cloud(1, middle=-50, size=40.0)], camera(), light)
-    np.testing.assert_array_equal(lit.color, behind.color)  # it takes no part of the shadow map
-    assert (lit.color != alone.color).any()
+    light = ibr.Light(direction=(0.3, 0.2, 1), shadow_size=256)
     same_bits(ibr.render(thing, camera()), ibr.render(thing, camera(), light))
 
 
