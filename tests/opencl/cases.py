@@ -378,6 +378,19 @@ def _depth_meshes(setting: Setting) -> Cases:
             yield f"occupancy {blend} {size}", partial(thing.occupancy, camera)
 
 
+class _Clear:
+    """A thing that is not opaque, and that nobody sees."""
+
+    bounds = np.zeros((2, 3))
+
+    def draw(self, target: Any, lighting: Any) -> None:
+        pass
+
+    @staticmethod
+    def blend_together(things: Any, target: Any, lighting: Any) -> None:
+        pass
+
+
 def _gaussians(setting: Setting) -> Cases:
     """Clouds before and behind a triangle, with Gaussians behind the camera and beside the picture."""
     rng = np.random.default_rng(0)
@@ -396,8 +409,12 @@ def _gaussians(setting: Setting) -> Cases:
 
 
 def _relit(setting: Setting) -> Cases:
+    """A lit depth image, with a background colour, and with opacities for things that are not opaque."""
+    shade = 0.5 if setting.kind == "float32" else 100
     for camera, light in product(_screens(setting), _lights(setting)):
-        yield f"relit {camera.size}, {light}", partial(_draw, setting, [], camera, light)
+        view = setting.view(scenes.smooth, (2, 1), "perspective")
+        drawn = partial(ibr.render, [view, _Clear()], camera, light, background=(shade,) * 3)
+        yield f"relit {camera.size}, {light}", drawn
 
 
 def _splats(setting: Setting) -> Cases:
