@@ -135,7 +135,7 @@ def _gaussians() -> list[NDArray[Any]]:
     cloud = ibr.Gaussians(rng.normal(0, 0.7, (count, 3)), *shape, sh=rng.normal(0, 0.3, (count, 16, 3)))
     bent = ibr.Camera(CAMERA.K, SIZE, CAMERA.world_from_camera, lens=LENS)
     frames = (
-        ibr.render([cloud, models.donut(12)], CAMERA),
+        ibr.render([cloud, models.donut(12)], CAMERA, background=(9, 90, 200)),
         ibr.render(cloud, CAMERA, samples=4),
         ibr.render(cloud, bent),
     )
