@@ -7,11 +7,13 @@
  * Deviation: a splat has a plane, through the mean and, for each pixel, through the place on its ray where the Gaussian
  * is densest. It is the regression of nearness on pixels; for a flat Gaussian it is the Gaussian's own plane.
  *
- * planes: of `pitch` floats each: mean (3, in the world), scales (3), rotation (4, a unit quaternion w x y z), log2 of
- * the opacity, and for each harmonic red, green and blue. `screen` maps points relative to `origin`, the camera's centre
- * in single precision. Outputs, from element `first` on: records: Splats. boxes: raster/boxes.h. keys: the bits of the
- * mean's squared distance from `origin`, which is the same in all faces of a cube (orthographic: of its depth), or
- * NOT_DRAWN. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians). Determinism: Gaussians are independent.
+ * planes: (SHAPE + 3 * harmonics, pitch) values: mean (3, in the world), scales (3), rotation (4, a unit quaternion
+ * w x y z), log2 of the opacity, and for each harmonic red, green and blue. `screen` maps points relative to `origin`,
+ * the camera's centre in single precision. With SHADOWED, shadows of opaque things darken the colours (lib/light.h).
+ * Outputs, from element `first` on: records: Splats. boxes: raster/boxes.h. keys: NOT_DRAWN, or the bits of a float that
+ * orders Gaussians: the mean's depth if the camera is orthographic, otherwise its squared distance from `origin`, which
+ * is the same in all faces of a cube. Work-item: STRIP packets of Gaussians. Cost: O(Gaussians). Determinism: Gaussians
+ * are independent.
  */
 #include "gaussians/harmonics.h"
 #include "gaussians/splat.h"

@@ -95,7 +95,8 @@ kernel void find_targets(int width, int height, int pitch, int strip, int edge, 
     const int first = get_global_id(0) * strip * LANES, y = get_global_id(1), end = PATCH_SIDE - PATCH_BEFORE;
     for (int x = first; x < min(first + strip * LANES, width) && y < height; x += LANES) {
         const int at = AT_LEVEL(x, y);
-        floatl nearest = INFINITY, farthest = -INFINITY; /* of known pixels; of holes in the patch */
+        /* the nearest known pixel around, and the farthest hole in the patch */
+        floatl nearest = INFINITY, farthest = -INFINITY;
         for (int v = -PATCH_BEFORE - edge; v < end + edge; v++)
             for (int u = -PATCH_BEFORE - edge; u < end + edge; u++) {
                 nearest = min_lanes(nearest, load_lanes(PLANE(KNOWN) + at + v * pitch + u));

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyibr.core.camera import Camera
+from pyibr.core.checks import byte_color
 from pyibr.core.errors import ArgumentError
 from pyibr.gaussians import Gaussians
 from pyibr.images import DepthImage, Frame
@@ -52,18 +53,19 @@ class CloudScene:
         for argument, value, only in (("layer", layer, "first"), ("normals", normals, False)):
             if value != only:
                 raise ArgumentError(argument, f"{only!r} with Gaussians", repr(value))
+        around = byte_color("background", background)
         frame = render(self.cloud, camera)
         if not frame.valid.any():
             raise ArgumentError(
                 "camera", "a camera that sees the Gaussians", "one whose rays all keep half their light"
             )
         color = surface_colors(frame)
-        color[~frame.valid] = np.rint(background)
+        color[~frame.valid] = around
         return DepthImage(color, np.where(frame.valid, frame.depth, np.float32(np.inf)), camera)
 
 
 def surface_colors(frame: Frame) -> Color:
-    """Return a frame's colours, those of partly transparent pixels without the black behind them."""
+    """Return a frame's colours, without the black that shows through partly transparent pixels."""
     if frame.alpha is None:
         return frame.color
     alpha = np.where(frame.valid, frame.alpha, np.float32(1))[..., None]

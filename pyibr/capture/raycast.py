@@ -17,6 +17,7 @@ from pyibr.capture.clouds import CloudScene
 from pyibr.core.camera import Camera, Projection
 from pyibr.core.checks import (
     Float64,
+    byte_color,
     checked_bool,
     checked_colors,
     describe,
@@ -181,9 +182,7 @@ class MeshScene:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
         one_of("layer", layer, Layer)
         checked_bool("normals", normals)
-        around = numbers("background", background, (3,))
-        if (around < 0).any() or (around > 255).any():
-            raise ArgumentError("background", "(r, g, b), 0 to 255", describe(background))
+        around = byte_color("background", background)
         met = triangles_met(camera, self.vertices, self.faces, last=layer == "last")
         hit = np.flatnonzero(met >= 0)
         triangle = met[hit]
@@ -204,7 +203,7 @@ class MeshScene:
         shape = camera.height, camera.width
         depth = np.full(shape, np.inf, np.float32)
         color = np.empty((*shape, 3), np.uint8)
-        color[:] = np.rint(around)
+        color[:] = around
         depth.reshape(-1)[hit] = z
         color.reshape(-1, 3)[hit] = np.clip(np.floor(self._color(triangle, weight) + 0.5), 0, 255)
         if not normals:

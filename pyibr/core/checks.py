@@ -135,6 +135,14 @@ def instance_of(argument: str, value: object, kind: type[_Kind], name: str) -> _
     raise ArgumentError(argument, name, describe(value))
 
 
+def byte_color(argument: str, value: object) -> NDArray[np.uint8]:
+    """Return a colour (3,) of numbers from 0 to 255, rounded, or raise ArgumentError."""
+    color = numbers(argument, value, (3,))
+    if (color < 0).any() or (color > 255).any():
+        raise ArgumentError(argument, "(r, g, b), 0 to 255", describe(value))
+    return np.rint(color).astype(np.uint8)
+
+
 def checked_bool(argument: str, value: object) -> bool:
     """Return a Python or NumPy bool as a bool, or raise ArgumentError."""
     if isinstance(value, np.bool_):

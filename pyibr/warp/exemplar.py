@@ -21,6 +21,7 @@ _SIDE_MIN = 32  # pixels: pictures with a shorter side are not halved
 _EDGE = 2  # pixels of the picture along a depth jump whose colours may be mixed
 _RADIUS = 8  # pixels of the random search below the coarsest level
 _JUMPS = 3, 1  # pixels to the neighbours whose matches are tried
+_PASSES = 1, 1, 2  # of the search between two votes, fine to coarse
 
 
 class _Level:
@@ -69,7 +70,7 @@ def continue_texture(target: Target, spread: Callable[[Target], None]) -> None:
             level.launch("refine_matches", coarse=above.field, coarse_pitch=above.pitch, field=level.field)
             level.launch("vote", field=level.field)
         for _ in range(3**step):
-            for jump in _JUMPS:
+            for jump in _PASSES[step] * _JUMPS:
                 level.search(next(number), jump, radius)
             level.launch("vote", field=level.field)
     marked = Target(target.camera, np.dtype(np.uint8))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -55,10 +57,12 @@ def test_frusta_see_gaussians():
 
 def test_mistakes():
     camera = ibr.Camera.look_at((0, 0, 3), (0, 0, 0), (0, 1, 0), (61, 61), fov_y=40)
-    for given, message in (
+    wrong: list[tuple[dict[str, Any], str]] = [
         ({"layer": "last"}, "layer: expected 'first' with Gaussians"),
-        ({"normals": True}, "normals"),
-    ):
+        ({"normals": True}, "normals: expected False"),
+        ({"background": (300, 0, 0)}, "background: expected .* 0 to 255"),
+    ]
+    for given, message in wrong:
         with pytest.raises(ibr.ArgumentError, match=message):
             capture(ball(100), camera, **given)
     faint = like(ball(100), opacities=np.full(100, 0.01))

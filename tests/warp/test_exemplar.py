@@ -106,9 +106,6 @@ def test_a_rendered_room_is_closer_to_the_truth(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs/gallery"))
     scene = pytest.importorskip("room", exc_type=ImportError)
     things, view = list(scene.room()), scene.photograph()
-    ratios = list[float]()
     for moved in ((0.25, -0.08, 0.1), (-0.25, -0.05, 0.1), (0.2, 0.1, 0.0)):
         camera = scene.CAMERA.moved(*moved)
-        ratios.append(flip_ratio(view, camera, ibr.render(things, camera, scene.LIGHT, samples=4).color))
-    # One place varies by .03 with the order of random sources.
-    assert np.mean(ratios) < 0.85 and max(ratios) < 0.9, ratios
+        assert flip_ratio(view, camera, ibr.render(things, camera, scene.LIGHT, samples=4).color) < 0.85
