@@ -23,11 +23,16 @@ _NORMALS, _DIRECT = ("nx", "ny", "nz"), ("f_dc_0", "f_dc_1", "f_dc_2")
 _RESTS = (0, 9, 24, 45)  # numbers of the harmonics of degrees 1 to 3, by the degree
 
 
+def is_gaussian_file(path: str | PathLike[str]) -> bool:
+    """Tell whether a file holds 3D Gaussians, by its suffix; a PLY file by its header."""
+    file = checked_path(path)
+    return _suffix(file) == ".ply" and ply.holds_gaussians(file)
+
+
 def read_gaussians(path: str | PathLike[str]) -> dict[str, NDArray[np.float32]]:
     """Read the arrays of a `pyibr.Gaussians`; Gaussians out of its limits are left out, with a warning."""
     file = checked_path(path)
-    packed = file.suffix.lower() == ".gz"
-    if (Path(file.stem) if packed else file).suffix.lower() != ".ply":
+    if _suffix(file) != ".ply":
         raise FileFormatError(f"{file}: a file of Gaussians ends in .ply (or .ply.gz)")
     with reading(file, "PLY of 3D Gaussians") as source:
         found = _arrays_of(ply.read_columns(read_bytes(source)))
@@ -63,6 +68,10 @@ def write_gaussians(path: str | PathLike[str], columns: Sequence[NDArray[np.floa
     stored |= dict.fromkeys(_NORMALS, np.zeros(len(columns[0])))
     names = (*_SHAPE[:3], *_NORMALS, *(name for name in stored if name[0] == "f"), "opacity", *_SHAPE[3:10])
     write_atomically(file, ply.column_bytes({name: stored[name] for name in names}))  # some programs expect this order
+
+
+def _suffix(file: Path) -> str:
+    return (Path(file.stem) if file.suffix.lower() == ".gz" else file).suffix.lower()
 
 
 def _arrays_of(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:

@@ -6,7 +6,9 @@ The points of a range grid lie in rows and columns, as in the scans of Stanford'
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -28,6 +30,7 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _NAMES: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
 _HEADER_MAX = 1 << 16  # bytes
 _LIST_MAX = 64  # longest lists that are read as a table
+_OF_GAUSSIANS = (b"f_dc_0", b"packed_position")
 _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _TEXTURE = re.compile(r"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
@@ -123,7 +126,7 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     """Return the mesh in a file's bytes."""
     found, textures = _tables(data)
     element, vertex = found["vertex"]
-    if "f_dc_0" in vertex or "packed_position" in vertex:
+    if any(name.decode() in vertex for name in _OF_GAUSSIANS):
         raise ValueError("it holds 3D Gaussians, not a mesh; pyibr.Gaussians.load reads uncompressed ones")
     _, face = found["face"]
     counts, corners = face["vertex_indices"] if "vertex_indices" in face else face["vertex_index"]
@@ -158,6 +161,16 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
         texture,
         lost,
     )
+
+
+def holds_gaussians(path: Path) -> bool:
+    """Tell whether a file's header, also packed by gzip, describes 3D Gaussians; False if there is no such file."""
+    try:
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+            header = stream.read(_HEADER_MAX).partition(b"end_header")[0]
+    except (OSError, EOFError, zlib.error):
+        return False
+    return header.startswith(b"ply") and any(mark in header for mark in _OF_GAUSSIANS)
 
 
 def read_columns(data: bytes) -> dict[str, NDArray[Any]]:

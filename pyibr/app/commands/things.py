@@ -1,4 +1,4 @@
-"""Things that commands draw: meshes, folders of depth images, and single images with depth."""
+"""Things that commands draw: meshes, 3D Gaussians, folders of depth images, and single images with depth."""
 
 from __future__ import annotations
 
@@ -28,17 +28,22 @@ from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
 from pyibr.core.rotations import upright_axes
+from pyibr.gaussians import Gaussians
+from pyibr.gaussians.files import is_gaussian_file
 from pyibr.images import DepthImage
 from pyibr.io.layouts import may_be_recording
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.mesh import Mesh
 
+Loaded = DepthImage | Mesh | Gaussians
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 _WORLD_UP = (0.0, -1.0, 0.0)  # in pyibr's world, and in GLB files as they are read
 
 ThingFiles = Annotated[
     list[Path],
-    typer.Argument(metavar="THINGS...", help="Meshes; folders of depth images; or COLOR DEPTH, with --camera"),
+    typer.Argument(
+        metavar="THINGS...", help="Meshes; 3D Gaussians; folders of depth images; or COLOR DEPTH, with --camera"
+    ),
 ]
 StartCamera = Annotated[Path | None, typer.Option("--start", help="The initial camera: JSON")]
 UpOption = Annotated[
@@ -56,11 +61,12 @@ class ImageOptions(NamedTuple):
     default_depth: DefaultDepthText = "none"
     cleaning: CleaningOptions = CleaningOptions()
 
-    def things(self, names: Sequence[Path], exposure: Exposure) -> tuple[list[DepthImage | Mesh], Up | None]:
+    def things(self, names: Sequence[Path], exposure: Exposure) -> tuple[list[Loaded], Up | None]:
         """The things of these names, and y if all are meshes whose files define no up direction."""
         self.cleaning.checked()  # wrong options are errors for meshes, too
         default_depth_of(self.default_depth)
-        things, rest, channel = list[DepthImage | Mesh](), list(names), self.stored.how.get("channel")
+        ups = set[Up | None]()
+        things, rest, channel = list[Loaded](), list(names), self.stored.how.get("channel")
         while rest:
             name = rest.pop(0)
             check_exists(name)
@@ -69,15 +75,18 @@ class ImageOptions(NamedTuple):
                     depth, noise = self._cleaned(view.color, view.depth, view.camera)
                     made = DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals, noise=noise)
                     things.append(made)
+            elif is_gaussian_file(name):
+                things.append(Gaussians.load(name))
+                ups.add(None)
             elif is_mesh_file(name):
                 things.append(Mesh.load(name))
+                ups.add(customary_up(name))
             elif not rest:
                 raise ArgumentError("THINGS", f"a depth file after the image {printable_text(name)}", "none")
             else:
                 things.append(self.image(name, rest.pop(0), exposure))
-        ups = {customary_up(name) for name in names if is_mesh_file(name)}
         if len(ups) > 1:
-            print_note("THINGS: y is up in OBJ, PLY, OFF and STL, -y in GLB: convert one of them to the other")
+            print_note("THINGS: y is up in meshes as OBJ, PLY, OFF and STL, else -y: convert these meshes to GLB")
         return things, "y" if ups == {"y"} and len(things) == len(names) else None
 
     def image(self, color: Path, depth: Path, exposure: Exposure) -> DepthImage:
