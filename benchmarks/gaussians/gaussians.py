@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from benchmarks.cases import Plan, Size
 from benchmarks.gaussians import clouds, lavapipe
+from benchmarks.gaussians.twin import blended
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Work
-from tests.reference.gaussians import blended
 
 OURS, PEER, REFERENCE = "ibr.render", lavapipe.NAME, "NumPy, float64"
 PLANES, CENTERS = "ibr.render, planes", "NumPy, centres"
