@@ -69,6 +69,8 @@ def _draw(folder: Path) -> None:
     points = read(str(folder / _CLOUD))
     renderer: Any = rendering.OffscreenRenderer(width, height)
     look = rendering.MaterialRecord()
+    if not hasattr(look, "gaussian_splat_sh_degree"):
+        sys.exit(f"Open3D {open3d.__version__} draws no Gaussians; version 0.20 does")
     look.shader = "gaussianSplat"
     renderer.scene.view.set_post_processing(False)
     renderer.scene.set_background([0, 0, 0, 1])
