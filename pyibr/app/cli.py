@@ -185,7 +185,7 @@ _EXAMPLES: dict[str, tuple[str, ...]] = {
     "quilt": (f"color.png depth.png {_MM} --grid 8 6 --size 420 560 --cone 20 -o room_qs8x6a0.75.png",),
     "orbit": (
         "dragon.ply -o turn.mp4",
-        "gaussians.spz --to camera.json --depth-out depth.npy -o picture.png",
+        "gaussians.ply --to camera.json --depth-out depth.npy -o picture.png",
         f"color.png depth.png {_MM} --swing 10 -o swing.webp",
     ),
     "clean": (
@@ -202,6 +202,7 @@ _EXAMPLES: dict[str, tuple[str, ...]] = {
         "dragon.ply -o dragon",
         "dragon.ply --frusta frusta.json --size 512 -o finer",
         "dragon.ply --camera cameras.json -o seen",
+        "gaussians.ply --camera cameras.json -o seen",
     ),
     "object": (
         "dragon --frames 36 -o turn.mp4",
@@ -218,7 +219,7 @@ _EXAMPLES: dict[str, tuple[str, ...]] = {
         "depth.mkv --depth-scale 1000 --to-kind inverse -o disparity.exr",
         "rgbd_dataset_freiburg1_desk -o desk",
         "rgbd_dataset_freiburg1_desk --as colmap -o model",
-        "gaussians.spz -o gaussians.ply",
+        "gaussians.ply -o gaussians.compressed.ply",
     ),
     "relief": (
         "ball.glb bumps.png --color bricks.png --scale 0.1 --light 1 1 1 -o relief.png",

@@ -133,8 +133,8 @@ class Gaussians(Immutable):
 
         .splat, .spz and .sog need the extra `gaussians`. PLY files may be packed by gzip (``.ply.gz``). Files have the
         axes of OpenCV, y down; SPZ files, which have y up, are turned by half a turn about x. Gaussians with values
-        that are not finite or exceed 1e9, or a quaternion of length 0, are left out, with a UserWarning. Infinite
-        logits of opacity mean 1 and 0.
+        that are not finite or exceed 1e9, scales below 0, or a quaternion of length 0 are left out, with a UserWarning.
+        Infinite logits of opacity mean 1 and 0.
 
         Parameters
         ----------

@@ -43,11 +43,11 @@ def read_gaussians(path: str | PathLike[str]) -> Arrays:
         raise FileFormatError(f"{file}: a file of Gaussians ends in one of {', '.join(GAUSSIAN_SUFFIXES)}, .ply.gz")
     with reading(file, f"{kind[1:]}, of 3D Gaussians,") as source:
         found = _arrays_in(source, kind)
-        kept = np.array(found["rotations"].any(axis=1))
+        kept = np.array(found["rotations"].any(axis=1)) & (found["scales"] >= 0).all(axis=1)
         for array in found.values():
             kept &= (np.abs(array) <= LARGEST).reshape(len(array), -1).all(axis=1)  # false for NaN
         left_out = np.count_nonzero(~kept)
-        bad = "values that are not finite or exceed 1e9, or quaternions of length 0"
+        bad = "values that are not finite or exceed 1e9, scales below 0, or quaternions of length 0"
         if left_out == len(kept):
             raise FileFormatError(f"{file}: none of its {len(kept)} Gaussians are usable; others have {bad}")
         if left_out:

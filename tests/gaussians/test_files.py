@@ -210,6 +210,17 @@ def test_damaged_files_are_errors(tmp_path: Path, suffix: str):
     assert errors >= 4
 
 
+def test_impossible_gaussians_are_left_out(tmp_path: Path):
+    """A .ksplat file holds scales as they are, so they may be negative."""
+    file = tmp_path / "cloud.ksplat"
+    shown(60).save(file)
+    data = bytearray(file.read_bytes())
+    struct.pack_into("<f", data, 4096 + 1024 + 12, -0.1)
+    file.write_bytes(data)
+    with pytest.warns(UserWarning, match=r"left out: 1 Gaussians with values .* scales below 0"):
+        assert len(ibr.Gaussians.load(file)) == 59
+
+
 @pytest.mark.parametrize("count", [20_000_000, 4_000_000_000])
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz", ".ksplat"])
 def test_a_count_beyond_the_file_takes_no_memory(tmp_path: Path, suffix: str, count: int):

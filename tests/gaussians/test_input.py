@@ -120,7 +120,7 @@ def test_files_of_other_programs(tmp_path: Path):
     write((6, 0.0), (6, np.inf), (6, -np.inf))
     np.testing.assert_allclose(ibr.Gaussians.load(file).opacities, [0.5, 1, 0])
     write((0, 1), (0, np.nan), (0, 2e9), (3, 1e10), (6, np.nan), (7, 1e6), (7, 50), (10, 0))
-    with pytest.warns(UserWarning, match="left out: 7 Gaussians .* not finite or exceed 1e9, or quaternions of length"):
+    with pytest.warns(UserWarning, match="left out: 7 Gaussians .* not finite or exceed 1e9, scales below 0, or quat"):
         assert len(ibr.Gaussians.load(file)) == 1
 
 

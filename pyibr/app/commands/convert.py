@@ -42,7 +42,7 @@ def convert(
         list[Path],
         typer.Argument(
             metavar="SOURCE",
-            help="Cameras of any kind; depth: image, folder, video; a recording, also as COLOR DEPTH; a mesh; Gaussians",
+            help="Cameras of any kind; depth: image, folder, video; a recording, also COLOR DEPTH; a mesh; Gaussians",
         ),
     ],
     output: Annotated[
