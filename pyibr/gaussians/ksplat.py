@@ -26,7 +26,7 @@ def arrays_of(data: bytes) -> Arrays:
     if len(data) < _HEADER or data[0] or not data[1]:
         raise ValueError("no header of version 0.1")
     (sections,), (level,) = struct.unpack_from("<I", data, 4), struct.unpack_from("<H", data, 20)
-    if level >= len(_KINDS) or len(data) < _HEADER + sections * _SECTION:
+    if not sections or level >= len(_KINDS) or len(data) < _HEADER + sections * _SECTION:
         raise ValueError(f"{sections} sections of compression {level}")
     low, high = struct.unpack_from("<ff", data, 36)
     low, high = low or -1.5, high or 1.5
@@ -57,9 +57,9 @@ def arrays_of(data: bytes) -> Arrays:
         shapes = {name: rows[name].astype(np.float32) for name in ("scales", "rotations")}
         parts.append({"means": means, **shapes, "opacities": colors[:, 3], "sh": direct})
         start = first + room * row.itemsize
-    most = max((part["sh"].shape[1] for part in parts), default=1)
+    most = max(part["sh"].shape[1] for part in parts)
     padded = [{**part, "sh": np.pad(part["sh"], ((0, 0), (0, most - part["sh"].shape[1]), (0, 0)))} for part in parts]
-    return {name: np.concatenate([part[name] for part in padded]) for name in padded[0]} if padded else {}
+    return {name: np.concatenate([part[name] for part in padded]) for name in padded[0]}
 
 
 def bytes_of(arrays: Arrays) -> bytes:
