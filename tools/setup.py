@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
-DEMO, EVERYTHING = "plot", "opencv,open3d,exr,hdf5,ros,r3d,plot,video,metrics,view,batch,dev"  # extras
+DEMO, EVERYTHING = "plot", "opencv,open3d,exr,hdf5,ros,r3d,plot,video,metrics,gaussians,view,batch,dev"  # extras
 OLDEST, NEWEST = (3, 10), (3, 13)  # NEWEST: the last Python for which Open3D, which the tests need, has wheels
 
 LIBRARIES = {  # libraries that `import open3d` loads, and their Debian or Ubuntu packages

@@ -29,7 +29,7 @@ from pyibr.core.errors import ArgumentError, DeviceError, Error
 _SAME = (
     "camera depth_scale depth_offset cut_ratio thin near far focal_35mm layout divergence convergence "
     "depth_range grid cone focus default_depth max_error count scale tiles wrap slices anisotropy samples "
-    "ambient resolution holes strength codec device size"
+    "ambient resolution holes strength codec device size layer"
 )
 _OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "view": "DEPTH",
@@ -185,6 +185,7 @@ _EXAMPLES: dict[str, tuple[str, ...]] = {
     "quilt": (f"color.png depth.png {_MM} --grid 8 6 --size 420 560 --cone 20 -o room_qs8x6a0.75.png",),
     "orbit": (
         "dragon.ply -o turn.mp4",
+        "gaussians.ply --to camera.json --depth-out depth.npy -o picture.png",
         f"color.png depth.png {_MM} --swing 10 -o swing.webp",
     ),
     "clean": (
@@ -201,6 +202,7 @@ _EXAMPLES: dict[str, tuple[str, ...]] = {
         "dragon.ply -o dragon",
         "dragon.ply --frusta frusta.json --size 512 -o finer",
         "dragon.ply --camera cameras.json -o seen",
+        "gaussians.ply --camera cameras.json -o seen",
     ),
     "object": (
         "dragon --frames 36 -o turn.mp4",
@@ -217,6 +219,7 @@ _EXAMPLES: dict[str, tuple[str, ...]] = {
         "depth.mkv --depth-scale 1000 --to-kind inverse -o disparity.exr",
         "rgbd_dataset_freiburg1_desk -o desk",
         "rgbd_dataset_freiburg1_desk --as colmap -o model",
+        "gaussians.ply -o gaussians.compressed.ply",
     ),
     "relief": (
         "ball.glb bumps.png --color bricks.png --scale 0.1 --light 1 1 1 -o relief.png",

@@ -253,10 +253,11 @@ def capture(
     >>> bool(view.valid[20, 32]), bool(view.valid[20, 20])  # the ring, and the hole in it
     (True, False)
     """
-    return _as_scene(mesh).capture(camera, layer=layer, background=background, normals=normals)
+    return as_scene(mesh).capture(camera, layer=layer, background=background, normals=normals)
 
 
-def _as_scene(mesh: Any) -> MeshScene | CloudScene:
+def as_scene(mesh: Any) -> MeshScene | CloudScene:
+    """Return a scene to capture, from the argument `mesh` of `capture`."""
     if isinstance(mesh, (MeshScene, CloudScene)):
         return mesh
     if isinstance(mesh, Gaussians):
@@ -346,7 +347,7 @@ def object_views(
     >>> [view.camera.size for view in object_views(models.donut(), 32)]
     [(32, 32), (32, 32), (32, 32), (32, 32), (32, 32), (32, 32)]
     """
-    scene, views = _as_scene(mesh), list[DepthImage]()
+    scene, views = as_scene(mesh), list[DepthImage]()
     for number, camera in enumerate(object_cameras(scene, size, projection=projection, margin=margin)):
         try:
             views.append(scene.capture(camera, normals=normals))
@@ -365,7 +366,7 @@ def object_cameras(
     mesh: Any, size: int, *, projection: Projection = "orthographic", margin: float = 0.02
 ) -> list[Camera]:
     """Make the cameras of `object_views`, from the same arguments."""
-    scene = _as_scene(mesh)
+    scene = as_scene(mesh)
     one_of("projection", projection, Projection)
     if not float(numbers("margin", margin, ())) >= 0:
         raise ArgumentError("margin", "a number >= 0", describe(margin))

@@ -24,13 +24,13 @@ from pyibr.core.checks import (
 from pyibr.core.errors import ArgumentError
 from pyibr.gaussians.drawing import Planes, blend_clouds, planes_of
 from pyibr.gaussians.files import LARGEST, read_gaussians, write_gaussians
+from pyibr.gaussians.packed import SH0
 from pyibr.opencl.device_cache import cached_on_device
 from pyibr.picture.shadow import Lighting
 from pyibr.picture.target import Target
 
 Float32 = NDArray[np.float32]
 
-_SH0 = 0.28209479177387814  # the harmonic of degree 0
 _HARMONICS = (1, 4, 9, 16)
 _REACH = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
 _STRAY = 0.005  # share of the Gaussians that may lie outside of the bounds on each side
@@ -129,10 +129,12 @@ class Gaussians(Immutable):
 
     @classmethod
     def load(cls, path: str | PathLike[str], **options: Any) -> Gaussians:
-        """Read a PLY file of 3D Gaussian Splatting, also packed by gzip (``.ply.gz``).
+        """Read a file of 3D Gaussians: .ply, .compressed.ply, .splat, .spz, .ksplat or .sog.
 
-        Gaussians with values that are not finite or exceed 1e9, or a quaternion of length 0, are left out, with a
-        UserWarning. Infinite logits of opacity mean 1 and 0.
+        .splat, .spz and .sog need the extra `gaussians`. PLY files may be packed by gzip (``.ply.gz``). Files have the
+        axes of OpenCV, y down; SPZ files, which have y up, are turned by half a turn about x. Gaussians with values
+        that are not finite or exceed 1e9, scales below 0, or a quaternion of length 0 are left out, with a UserWarning.
+        Infinite logits of opacity mean 1 and 0.
 
         Parameters
         ----------
@@ -144,6 +146,8 @@ class Gaussians(Immutable):
         ------
         FileFormatError
             If the file is not readable, or holds no Gaussians.
+        MissingPackageError
+            If the format needs gaussforge, which is not installed.
 
         Examples
         --------
@@ -156,16 +160,23 @@ class Gaussians(Immutable):
         return cls(**read_gaussians(path), **options)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a PLY file of 3D Gaussian Splatting, or leave the old file. A missing folder is made.
+        """Write a file of 3D Gaussians, or leave the old file. A missing folder is made.
+
+        Only uncompressed PLY keeps all digits. The other formats of `load` round, and limit scales to 2e-9 and more
+        (SPZ: 4.5e-5 to 400). Their harmonics beyond degree 0 are at most 4 in .compressed.ply and 1 in .spz, and are
+        left out of .splat, with a UserWarning.
 
         Raises
         ------
         ArgumentError
-            If the suffix is not .ply.
+            If the suffix is unknown; or for .sog, if over 65,536 Gaussians have harmonics beyond degree 0.
         FileFormatError
             If the file cannot be written.
+        MissingPackageError
+            If the format needs gaussforge, which is not installed.
         """
-        write_gaussians(path, self._columns)
+        names = "means", "scales", "rotations", "opacities", "sh"
+        write_gaussians(path, {name: getattr(self, name) for name in names}, lambda: self._order)
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
@@ -242,4 +253,4 @@ def _checked(argument: str, value: Any, shape: tuple[int | None, ...], least: fl
 def _harmonics_of(colors: ArrayLike | None, count: int) -> Float32:
     stored = checked_colors("colors", colors, (count, 3))
     shown = stored / np.float64(255) if stored.dtype == np.uint8 else stored.astype(np.float64)
-    return locked(((shown - 0.5) / _SH0).astype(np.float32)[:, None])
+    return locked(((shown - 0.5) / SH0).astype(np.float32)[:, None])

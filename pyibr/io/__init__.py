@@ -38,6 +38,7 @@ from pyibr.io import depth_kinds, image
 from pyibr.io.camera_files import CameraForm, write_cameras
 from pyibr.io.cameras import read_cameras
 from pyibr.io.depth_kinds import DepthKind
+from pyibr.io.gaussian_files import refuse_gaussians
 from pyibr.io.ply import read_range_grid
 from pyibr.io.poses import Poses, read_poses
 from pyibr.io.relief_map import read_relief_map, write_relief_map
@@ -138,6 +139,7 @@ def read_color(
     >>> ibr.read_color("red.png")[1, 2].tolist()
     [255, 0, 0]
     """
+    refuse_gaussians(path, "an image")
     chosen = _chosen(path, channel, part)
     stored = _module(path, _COLOR_MODULES | _HDF5, "image").read_color(path, **chosen)
     color: NDArray[Any] = stored[..., None] if stored.ndim == 2 else stored
@@ -278,6 +280,7 @@ def read_depth(
     [[1.5, nan]]
     """
     one_of("depth_kind", depth_kind, DepthKind)
+    refuse_gaussians(path, "an image of depth")
     chosen = _chosen(path, channel, part)
     if depth_kind == "relative":
         return depth_from_relative(_relative(path, chosen), near=near, far=far)

@@ -126,8 +126,6 @@ def read_mesh(data: bytes, folder: Path) -> MeshArrays:
     """Return the mesh in a file's bytes."""
     found, textures = _tables(data)
     element, vertex = found["vertex"]
-    if any(name.decode() in vertex for name in _OF_GAUSSIANS):
-        raise ValueError("it holds 3D Gaussians, not a mesh; pyibr.Gaussians.load reads uncompressed ones")
     _, face = found["face"]
     counts, corners = face["vertex_indices"] if "vertex_indices" in face else face["vertex_index"]
     normals = np.column_stack([vertex[name] for name in ("nx", "ny", "nz")]) if "nx" in vertex else None
@@ -173,19 +171,25 @@ def holds_gaussians(path: Path) -> bool:
     return header.startswith(b"ply") and any(mark in header for mark in _OF_GAUSSIANS)
 
 
-def read_columns(data: bytes) -> dict[str, NDArray[Any]]:
-    """Return the columns of a file's vertices by name, without lists."""
+def read_columns(data: bytes) -> dict[str, dict[str, NDArray[Any]]]:
+    """Return the columns of a file's tables, such as its vertices, by the names of both, without lists."""
     found, _ = _tables(data)
-    if "vertex" not in found:
-        raise ValueError("no vertices in the header")
-    element, columns = found["vertex"]
-    return {item.name: columns[item.name] for item in element.properties if not item.counted}
+    return {
+        name: {item.name: columns[item.name] for item in element.properties if not item.counted}
+        for name, (element, columns) in found.items()
+    }
 
 
-def column_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
-    """Return a binary file of vertices with these properties, as float32."""
-    header, rows = _vertex_table([("float", name, values) for name, values in columns.items()])
-    return b"".join(["\n".join([*header, "end_header", ""]).encode("ascii"), rows.data])
+def column_bytes(tables: dict[str, dict[str, NDArray[Any]]]) -> bytes:
+    """Return a binary file of these tables: bytes, uint32, and all other columns as float32."""
+    header, contents = list[str](), list[memoryview]()
+    for name, columns in tables.items():
+        kinds = {"B": "uchar", "I": "uint"}
+        described = [(kinds.get(values.dtype.char, "float"), key, values) for key, values in columns.items()]
+        lines, rows = _table_of(name, described)
+        header += lines
+        contents.append(rows.data)
+    return b"".join([_opening(header), *contents])
 
 
 def _tables(data: bytes) -> tuple[dict[str, tuple[_Element, dict[str, Any]]], list[str]]:
@@ -205,20 +209,24 @@ def mesh_bytes(mesh: MeshArrays) -> bytes:
         columns += [("float", f"n{name}", mesh.normals[:, axis]) for axis, name in enumerate("xyz")]
     if mesh.colors is not None:
         columns += [("uchar", name, mesh.colors[:, channel]) for channel, name in enumerate(_COLORS[0])]
-    header, vertices = _vertex_table(columns)
+    header, vertices = _table_of("vertex", columns)
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, mesh.faces
-    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
-    return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    return _opening(header) + vertices.tobytes() + faces.tobytes()
 
 
-def _vertex_table(columns: list[tuple[str, str, NDArray[Any]]]) -> tuple[list[str], NDArray[Any]]:
-    """The header's lines and the rows of vertices with columns (kind, name, values)."""
+def _opening(tables: list[str]) -> bytes:
+    """The header of a binary file, with the lines that describe its tables."""
+    return "\n".join(["ply", "format binary_little_endian 1.0", *tables, "end_header", ""]).encode("ascii")
+
+
+def _table_of(element: str, columns: list[tuple[str, str, NDArray[Any]]]) -> tuple[list[str], NDArray[Any]]:
+    """The header's lines and the rows of a table with columns (kind, name, values)."""
     rows = np.empty(len(columns[0][2]), [(name, "<" + _KINDS[kind]) for kind, name, _ in columns])
     for _, name, values in columns:
         rows[name] = values
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    return header + [f"property {kind} {name}" for kind, name, _ in columns], rows
+    return [f"element {element} {len(rows)}", *(f"property {kind} {name}" for kind, name, _ in columns)], rows
 
 
 def _header(data: bytes) -> tuple[list[_Element], str, bytes, list[str]]:

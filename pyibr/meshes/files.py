@@ -15,6 +15,7 @@ from pyibr.core.checks import one_of
 from pyibr.core.errors import ArgumentError, FileFormatError
 from pyibr.core.files import check_writable, checked_path, read_bytes, reading, write_atomically, written_together
 from pyibr.io import gltf, obj, off, ply, stl
+from pyibr.io.gaussian_files import refuse_gaussians
 from pyibr.io.mesh_arrays import MeshArrays, texture_from
 
 Axes = Literal["opencv", "gltf"]
@@ -39,6 +40,7 @@ def read_mesh(path: str | PathLike[str], axes: Axes) -> MeshArrays:
     one_of("axes", axes, Axes)
     file = checked_path(path)
     kind = _suffix(file)
+    refuse_gaussians(file, "a mesh")
     if kind not in _READERS:
         raise FileFormatError(f"{file}: a mesh file ends in one of {', '.join(_READERS)} (or .gz after it)")
     with reading(file, f"{kind[1:].upper()} mesh") as source:

@@ -52,7 +52,7 @@ def test_from_cameras_of_a_file_or_of_a_set(mesh: str):
     cameras = [ibr.Camera.look_at((0, y, 4), (0, y, 0), (0, 1, 0), (31, 23), fov_y=45) for y in (0.5, 50)]
     Path("list.json").write_text(json.dumps([camera.to_json() for camera in cameras]))
     result = run(mesh, "--camera", "list.json", "--layer", "last", "-o", "set")
-    assert result.exit_code == 0 and "camera 1 does not see the mesh; left out" in result.stderr
+    assert result.exit_code == 0 and "camera 1 does not see the scene; left out" in result.stderr
     scene = MeshScene.from_mesh(ibr.Mesh.load(mesh))
     scene.up = 0, 1, 0
     assert_same(ibr.load("set"), [scene.capture(cameras[0], layer="last")])
@@ -93,7 +93,10 @@ def test_from_frusta(mesh: str):
         (("donut.ply", "--frusta", "gone.json"), ("gone.json",)),
         (("donut.ply", "--frusta", "donut.ply"), ("donut.ply",)),
         (("donut.ply", "--camera", "away.json", "--frusta", "away.json"), ("--frusta: expected none together with",)),
-        (("donut.ply", "--camera", "away.json"), ("--camera: expected cameras that see the mesh", "got 1 that do not")),
+        (
+            ("donut.ply", "--camera", "away.json"),
+            ("--camera: expected cameras that see the scene", "got 1 that do"),
+        ),
         (("donut.ply", "--camera", "away.json", "--size", "9"), ("--size: expected none with --camera, which sets",)),
         (("donut.ply", "--camera", "away.json", "--projection", "perspective"), ("--projection: expected none",)),
         (("donut.ply", "--layer", "last"), ("--layer: expected --camera with it",)),

@@ -15,6 +15,7 @@ from pyibr.app.batch.work import COMMANDS
 from pyibr.capture import models, object_views
 from pyibr.capture.frusta import Frustum, save_frusta, save_set
 from tests.app.commands import run, succeeded
+from tests.gaussians.clouds import cloud
 from tests.test_docs import BLOCK, ROOT
 
 SIZE = (46, 34)
@@ -68,6 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     views = object_views(ring, 24)
     ibr.Mesh(ring.vertices, ring.faces).save(place / "dragon.ply")
     ring.save(place / "ball.glb")
+    cloud(300, middle=1.0).save(place / "gaussians.ply")
     ibr.write_color(place / "bumps.png", color[..., :1].repeat(3, axis=2))
     ibr.write_color(place / "bricks.png", color)
     for number, view in enumerate(views):

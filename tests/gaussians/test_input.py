@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
-from tests.data import shared
 from tests.exact import same_bits
 from tests.gaussians.clouds import camera, cloud, like
 
@@ -121,10 +120,8 @@ def test_files_of_other_programs(tmp_path: Path):
     write((6, 0.0), (6, np.inf), (6, -np.inf))
     np.testing.assert_allclose(ibr.Gaussians.load(file).opacities, [0.5, 1, 0])
     write((0, 1), (0, np.nan), (0, 2e9), (3, 1e10), (6, np.nan), (7, 1e6), (7, 50), (10, 0))
-    with pytest.warns(UserWarning, match="left out: 7 Gaussians .* not finite or exceed 1e9, or quaternions of length"):
+    with pytest.warns(UserWarning, match="left out: 7 Gaussians .* not finite or exceed 1e9, scales below 0, or quat"):
         assert len(ibr.Gaussians.load(file)) == 1
-    with pytest.raises(ibr.FileFormatError, match=r"Gaussians, not a mesh; pyibr\.Gaussians\.load"):
-        ibr.Mesh.load(file)
 
 
 @pytest.mark.parametrize(
@@ -158,12 +155,3 @@ def test_memory_is_bounded_by_the_file(tmp_path: Path):
             assert tracemalloc.get_traced_memory()[1] - before < most * file.stat().st_size
     finally:
         tracemalloc.stop()
-
-
-def test_other_names_are_refused(tmp_path: Path):
-    with pytest.raises(ibr.FileFormatError, match=r"ends in \.ply"):
-        ibr.Gaussians.load(tmp_path / "cloud.spz")
-    with pytest.raises(ibr.ArgumentError, match=r"ends in \.ply"):
-        cloud(3).save(tmp_path / "cloud.splat")
-    with pytest.raises(ibr.FileFormatError, match="compressed"):
-        ibr.Gaussians.load(shared("gaussians/biker.compressed.ply"))

@@ -1,4 +1,4 @@
-"""`pyibr convert`: cameras, depth, recordings and meshes in other formats."""
+"""`pyibr convert`: cameras, depth, recordings, meshes and 3D Gaussians in other formats."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ import pyibr as ibr
 from pyibr.app.commands.beside import Behind, read_ahead
 from pyibr.app.commands.command import tell_written
 from pyibr.app.commands.outputs import Outputs, VideoOptions, check_outputs
-from pyibr.app.commands.progress import with_progress
+from pyibr.app.commands.progress import waiting, with_progress
 from pyibr.app.commands.reading import Inputs, Reading
 from pyibr.app.commands.series import depths_in
 from pyibr.app.commands.things import Up, UpOption, check_up, save_upright
 from pyibr.app.commands.views import DepthRange
-from pyibr.app.options import DeviceName, StoredDepth, device_of
+from pyibr.app.options import DeviceName, StoredDepth, device_of, printable_text
 from pyibr.core.calibrations import file_and_name
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
+from pyibr.gaussians.files import check_gaussian_file
 from pyibr.io import CameraForm, DepthKind, read_cameras, write_cameras
 from pyibr.io.camera_files import nerf_frame
+from pyibr.io.gaussian_files import is_gaussian_file
 from pyibr.io.layouts import find_recording
 from pyibr.io.layouts.transforms import write_frames
 from pyibr.io.recordings import Recording, cameras_of, posed
@@ -40,7 +42,7 @@ def convert(
         list[Path],
         typer.Argument(
             metavar="SOURCE",
-            help="Cameras of any kind; depth: an image, a folder, a video; a recording, also as COLOR DEPTH; or a mesh",
+            help="Cameras of any kind; depth: image, folder, video; a recording, also COLOR DEPTH; a mesh; Gaussians",
         ),
     ],
     output: Annotated[
@@ -48,7 +50,8 @@ def convert(
         typer.Option(
             "--output",
             "-o",
-            help="Cameras: .json, or a folder (COLMAP); depth by its suffix; a recording: a folder; a mesh",
+            help="Cameras: .json, or a folder (COLMAP); depth by its suffix; a recording: a folder; a mesh; "
+            "Gaussians: .ply, .compressed.ply, .splat, .spz, .ksplat, .sog",
         ),
     ],
     form: Annotated[
@@ -69,13 +72,14 @@ def convert(
     video: VideoOptions,
     device: DeviceName = None,
 ) -> None:
-    """Convert cameras, depth, a recording or a mesh to another format, selected by the output's name."""
+    """Convert cameras, depth, a recording, a mesh or 3D Gaussians to another format, selected by the output's name."""
     for path in sources:
         check_exists(file_and_name(path)[0])
     source, suffix = sources[0], output.suffix.lower()
-    recording = None if is_mesh_file(source) else find_recording(source, reading.stored.how.get("channel"))
-    if is_mesh_file(source):
-        _convert_mesh(source, output, up)
+    is_model = is_gaussian_file(source) or is_mesh_file(source)
+    recording = None if is_model else find_recording(source, reading.stored.how.get("channel"))
+    if is_model:
+        (_convert_gaussians if is_gaussian_file(source) else _convert_mesh)(source, output, up)
     elif form is None and (recording or len(sources) > 1) and not suffix:
         with device_of(device):
             _convert_recording(Inputs(sources, reading), sources, output, to_scale or _MILLIMETRES)
@@ -103,6 +107,18 @@ def _convert_mesh(source: Path, output: Path, up: Up | None) -> None:
     mesh = ibr.Mesh.load(source, axes="gltf")
     remark = save_upright(mesh, output, up, source)
     tell_written([output], f"{len(mesh.faces)} triangles{remark}", triangles=len(mesh.faces))
+
+
+def _convert_gaussians(source: Path, output: Path, up: Up | None) -> None:
+    check_outputs({"SOURCE": [source]}, {"--output": [output]})
+    check_gaussian_file(output)
+    if up:
+        raise ArgumentError("--up", "none for 3D Gaussians", up)
+    with waiting(f"Loading {printable_text(source.name)}"):
+        cloud = ibr.Gaussians.load(source)
+    with waiting(f"Writing {printable_text(output.name)}"):
+        cloud.save(output)
+    tell_written([output], f"{len(cloud)} Gaussians")
 
 
 def _form_of(output: Path) -> CameraForm:

@@ -1,4 +1,4 @@
-"""`pyibr orbit`: turntables and camera paths, as films or numbered pictures."""
+"""`pyibr orbit`: turntables, camera paths and single pictures of things, as films or numbered pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from numpy.typing import ArrayLike
 
 from pyibr.app.commands.exposure import Exposure
-from pyibr.app.commands.outputs import Outputs, VideoOptions
+from pyibr.app.commands.outputs import Kind, Outputs, VideoOptions
 from pyibr.app.commands.progress import with_progress
 from pyibr.app.commands.things import ImageOptions, StartCamera, ThingFiles, UpOption, direction_of
 from pyibr.app.commands.views import DepthRange
@@ -27,6 +27,8 @@ from pyibr.io import read_cameras
 from pyibr.meshes.mesh import Mesh
 from pyibr.picture.light import Light
 from pyibr.picture.render import Thing
+
+_FRAMES = 72
 
 
 class Way(NamedTuple):
@@ -46,16 +48,22 @@ class Way(NamedTuple):
         Path | None,
         typer.Option("--path", help="Instead: a smooth path through cameras, as `view` saves it, or as --to"),
     ] = None
+    to: Annotated[
+        Path | None,
+        typer.Option(help="Instead: a picture from this camera, or from each of several, as --to of `warp`"),
+    ] = None
     start: StartCamera = None
     size: Size = None
 
-    def check(self) -> None:
-        """Raise an error if options contradict each other or their files hold no cameras."""
-        given = [f"--{name}" for name in ("orbit", "swing", "path") if getattr(self, name) is not None]
-        given += ["--start"] if self.path and self.start else []
+    def count(self, frames: int | None) -> int:
+        """Return the number of pictures; raise an error if options contradict each other or hold no cameras."""
+        given = [f"--{name}" for name in ("orbit", "swing", "path", "to") if getattr(self, name) is not None]
+        given += ["--start"] if (self.path or self.to) and self.start else []
+        given += ["--frames"] if self.to and frames else []
         if len(given) > 1:
             raise ArgumentError(given[1], f"none together with {given[0]}", "one")
         self._given()
+        return frames or (_FRAMES if self.to is None else len(read_cameras(self.to)))
 
     def _given(self) -> tuple[CameraPath | None, Camera | None]:
         path = None if self.path is None else CameraPath(list(read_cameras(self.path).values()))
@@ -64,7 +72,9 @@ class Way(NamedTuple):
     def cameras(self, things: Sequence[Thing], frames: int, up: ArrayLike | None) -> list[Camera]:
         """Return a camera for each picture."""
         path, first = self._given()
-        if path is not None:
+        if self.to is not None:
+            made = list(read_cameras(self.to).values())
+        elif path is not None:
             made = [path.at(float(time)) for time in np.linspace(0, path.seconds, frames)]
         else:
             turn = 360.0 if self.orbit is None else self.orbit
@@ -75,9 +85,12 @@ class Way(NamedTuple):
 def orbit(
     things: ThingFiles,
     output: Annotated[Path, typer.Option("--output", "-o", help="A video; or pictures OUT_0000, ...")],
-    frames: Annotated[int, typer.Option(min=1, max=100_000, help="Number of pictures along the path")] = 72,
+    frames: Annotated[
+        int | None, typer.Option(min=1, max=100_000, help="Number of pictures along the path; default: 72")
+    ] = None,
     *,
     way: Way,
+    depth_out: Annotated[Path | None, typer.Option(help="Also write the depth of the pictures")] = None,
     up: UpOption = None,
     fill: FillOption = "background",
     samples: Samples = 1,
@@ -86,21 +99,23 @@ def orbit(
     device: DeviceName = None,
 ) -> None:
     """Draw things from all round, in a swing to and fro, or along a path. Meshes without colours are lit."""
-    way.check()
-    outputs = Outputs({"--output": (output, "color")}, options.stored, range(frames) if frames > 1 else None, video)
+    count = way.count(frames)
+    written: dict[str, tuple[Path | None, Kind]] = {"--output": (output, "color"), "--depth-out": (depth_out, "depth")}
+    outputs = Outputs(written, options.stored, range(count) if count > 1 else None, video)
     files = [file for thing in things for file in (thing.rglob("*") if thing.is_dir() else [thing])]
-    outputs.check({"THINGS": files, "--camera": [options.camera] if options.camera else []}, things)
+    read = {"--camera": options.camera, "--to": way.to, "--path": way.path, "--start": way.start}
+    outputs.check({"THINGS": files, **{name: [file] for name, file in read.items() if file}}, things)
     with device_of(device), outputs, Exposure(options.exposure) as exposed:
         known, customary = options.things(things, exposed)
-        cameras = way.cameras(known, frames, direction_of(up or customary))
+        cameras = way.cameras(known, count, direction_of(up or customary))
         is_plain = any(isinstance(one, Mesh) and one.colors is None and one.texture is None for one in known)
         shown = gathered(known, fill_of(fill), cameras)
-        for number, one in enumerate(with_progress(cameras, frames, "Drawing")):
+        for number, one in enumerate(with_progress(cameras, count, "Drawing")):
             how: RenderOptions = {"samples": samples, "light": _light_of(one)} if is_plain else {"samples": samples}
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # empty pictures are reported at the end
                 (frame,) = drawn(shown, [one], **how)
-            outputs.write({"color": frame.color}, number, float(frame.valid.mean()), one)
+            outputs.write({"color": frame.color, "depth": frame.depth}, number, float(frame.valid.mean()), one)
     views, seen = [one for one in known if isinstance(one, DepthImage)], DepthRange()
     for view in views:
         seen.add(view.known_depth)

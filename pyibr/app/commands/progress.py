@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import threading
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
+
+_PATIENCE = 1.0  # seconds
 
 _Thing = TypeVar("_Thing")
 
@@ -31,3 +44,19 @@ def with_progress(jobs: Iterable[_Thing], count: int, doing: str) -> Iterable[_T
         return
     with progress() as bars:
         yield from bars.track(jobs, total=count, description=doing)
+
+
+@contextmanager
+def waiting(doing: str) -> Generator[None, None, None]:
+    """Show a bar that moves, and the time, if the work within this block takes over a second."""
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    bars = Progress(*columns, console=Console(stderr=True), transient=True)
+    bars.add_task(doing, total=None)
+    timer = threading.Timer(_PATIENCE, bars.start)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        bars.stop()

@@ -21,6 +21,7 @@ from pyibr.core.checks import Float64
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage
 from pyibr.images.silhouette import Silhouette
+from pyibr.io.gaussian_files import refuse_gaussians
 from pyibr.io.image import read_mask
 from pyibr.io.layouts import find_recording
 from pyibr.io.recordings import cameras_of, paired, posed
@@ -86,6 +87,8 @@ def _writer(
     folders: Sequence[Path], output: Path, turn: TurntableOptions, resolution: int, video: VideoOptions
 ) -> Callable[[DepthObject | VisualHull], None]:
     """Return a function that writes the requested output of a solid; check the output first, before any work."""
+    for folder in folders:
+        refuse_gaussians(folder, "a folder of pictures")
     inputs = {"VIEWS": [file for folder in folders for file in folder.rglob("*")]}
     if not is_mesh_file(output):
         table = Turntable(output, turn, video, inputs)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import pyibr as ibr
 from pyibr.app.commands.cameras import LensOptions
 from pyibr.app.commands.exposure import Exposure
+from pyibr.app.commands.progress import waiting
 from pyibr.app.options import (
     CameraFile,
     CleaningOptions,
@@ -29,8 +30,8 @@ from pyibr.core.errors import ArgumentError
 from pyibr.core.files import check_exists
 from pyibr.core.rotations import upright_axes
 from pyibr.gaussians import Gaussians
-from pyibr.gaussians.files import is_gaussian_file
 from pyibr.images import DepthImage
+from pyibr.io.gaussian_files import is_gaussian_file
 from pyibr.io.layouts import may_be_recording
 from pyibr.meshes.files import is_mesh_file
 from pyibr.meshes.mesh import Mesh
@@ -75,12 +76,9 @@ class ImageOptions(NamedTuple):
                     depth, noise = self._cleaned(view.color, view.depth, view.camera)
                     made = DepthImage(view.color, depth, view.camera, far=view.far, normals=view.normals, noise=noise)
                     things.append(made)
-            elif is_gaussian_file(name):
-                things.append(Gaussians.load(name))
-                ups.add(None)
-            elif is_mesh_file(name):
-                things.append(Mesh.load(name))
-                ups.add(customary_up(name))
+            elif is_gaussian_file(name) or is_mesh_file(name):
+                things.append(load_thing(name))
+                ups.add(customary_up(name) if isinstance(things[-1], Mesh) else None)
             elif not rest:
                 raise ArgumentError("THINGS", f"a depth file after the image {printable_text(name)}", "none")
             else:
@@ -107,6 +105,12 @@ class ImageOptions(NamedTuple):
         return ibr.clean_depth(depth, color, noise=noise, **how._asdict()).depth, None
 
 
+def load_thing(path: Path) -> Mesh | Gaussians:
+    """Load a file of a mesh or of 3D Gaussians."""
+    with waiting(f"Loading {printable_text(path.name)}"):
+        return Gaussians.load(path) if is_gaussian_file(path) else Mesh.load(path)
+
+
 def customary_up(mesh: Path) -> Up | None:
     """Customary up direction of a mesh file; None for GLB and GLTF, which define it."""
     return None if mesh.name.lower().removesuffix(".gz").endswith((".glb", ".gltf")) else "y"
@@ -121,8 +125,8 @@ def direction_of(up: Up | None) -> tuple[float, ...] | None:
 
 
 def upward_of(mesh: Path, up: Up | None) -> tuple[float, ...]:
-    """Up direction of a mesh file in pyibr's world, by --up or by custom."""
-    return direction_of(up or customary_up(mesh)) or _WORLD_UP
+    """Up direction of a file of a mesh or of Gaussians in pyibr's world, by --up or by custom."""
+    return direction_of(up or (None if is_gaussian_file(mesh) else customary_up(mesh))) or _WORLD_UP
 
 
 def check_up(up: Up | None, *files: Path) -> None:
