@@ -9,6 +9,7 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
+import conditioning
 import depthcameras
 import depthmeshes
 import matplotlib.pyplot as plt
@@ -92,6 +93,7 @@ if __name__ == "__main__":
     save("depth-object.png", depth_object(), 90)
     save("relight.jpg", relight(), 80)
     save("depth-camera.jpg", depthcameras.steps(), 80)
+    save("conditioning.jpg", conditioning.beside(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     if teapot := os.environ.get("PYIBR_TEAPOT"):  # path of a mesh file of the teapot

@@ -55,11 +55,11 @@ OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int pa
         if (!any_lane(untold))
             return;
         const floatl on_line = clamp_lanes(major, line.from, line.to), column = clamp_lanes(on_line, (floatl)0.0f, line.last_major);
-#if !ALIGNED
+#if ALIGNED
+        const intl at = first_at + to_intl(column + 0.5f) * line.stride_major;
+#else
         const floatl row = clamp_lanes(line.minor_0 + line.tilt * on_line, (floatl)0.0f, last_minor);
         const intl at = to_intl(column + 0.5f) * line.stride_major + to_intl(row + 0.5f) * line.stride_minor;
-#else
-        const intl at = first_at + to_intl(column + 0.5f) * line.stride_major;
 #endif
         const floatl here = (floatl)(gather(grid.nearness, at));
         const intl missing = here <= NO_SURFACE;

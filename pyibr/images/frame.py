@@ -55,8 +55,8 @@ class Frame(Pictured):
         If requested: the `PixelClass` of each pixel.
     source : (H, W, 2) float32, or None
         If requested: the position (x, y) in the source where each pixel's ray meets the surface, with subpixel
-        precision (with any `interpolation`); NaN where not valid. With it, `cv2.remap` or indexing transfers other data
-        of the source (labels, features, flow).
+        precision (with any `interpolation`); NaN where not valid. To transfer labels or features, give the source
+        `DepthImage.features`, which do not mix across depth edges.
     view : (H, W) int32, or None
         If requested: the index of the view that each pixel comes from, -1 where not valid.
     alpha : (H, W) float32, or None
