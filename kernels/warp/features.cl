@@ -8,11 +8,12 @@
  * source, source_view, depth: of the picture, (dst_height, dst_width). corners: (CORNER_PLANES, dst_height, dst_pitch)
  * the indices of three samples (-1 for pixels that show nothing, or another view than `view`), and their weights.
  * features: (samples, channels). pixel_features: (dst_height, dst_width, channels), whose pixels without corners become
- * 0 if this view is the `first`. gradient: as pixel_features, float32. sums: (samples, channels) float32.
+ * 0 if this view is the `first`. ranges: (dst_height, 2) the least and the greatest index of a row's samples. gradient: as
+ * pixel_features, float32. sums: (samples, channels) float32.
  * pinhole: 0 if the picture has a lens, for which `map` does not hold.
- * Work-item: STRIP * LANES pixels of a row (find_corners); `each` values of a row (gather_features); `each` channels of
- * every `bands`-th part of the samples (scatter_features). Cost: O(values); scatter_features also reads all corners in
- * each work-item.
+ * Work-item: STRIP * LANES pixels of a row (find_corners); a row (find_ranges); `each` values of a row
+ * (gather_features); `each` channels of one of `bands` parts of the samples (scatter_features). Cost: O(values);
+ * scatter_features also reads the corners of all rows that contain a sample of the part.
  * Determinism: a pixel depends on the inputs alone; pixels are added to a sample in their order.
  */
 #include "warp/corners.h"
@@ -159,8 +160,27 @@ INLINED void add_values(global const float *values, float weight, int count, glo
         sums[i] += weight * values[i];
 }
 
-kernel void scatter_features(global const float *corners, global const float *gradient, global float *sums, int channels,
-                             int samples, int width, int height, int pitch, int each, int bands)
+kernel void find_ranges(global const float *corners, global int *ranges, int width, int height, int pitch)
+{
+    const int y = get_global_id(0);
+    if (y >= height)
+        return;
+    int low = INT_MAX, high = -1;
+    for (int i = 0; i < 3; i++) {
+        global const float *row = corners + ((size_t)i * height + y) * pitch;
+        for (int x = 0; x < width; x++)
+            if (as_int(corners[(size_t)y * pitch + x]) >= 0) {
+                low = min(low, as_int(row[x]));
+                high = max(high, as_int(row[x]));
+            }
+    }
+    ranges[2 * y] = low;
+    ranges[2 * y + 1] = high;
+}
+
+kernel void scatter_features(global const float *corners, global const int *ranges, global const float *gradient,
+                             global float *sums, int channels, int samples, int width, int height, int pitch, int each,
+                             int bands)
 {
     const int begin = get_global_id(0) * each, band = get_global_id(1), count = min(each, channels - begin);
     if (begin >= channels || band >= bands)
@@ -171,7 +191,7 @@ kernel void scatter_features(global const float *corners, global const float *gr
         for (int c = 0; c < count; c++)
             sums[i * channels + begin + c] = 0.0f;
     for (int y = 0; y < height; y++)
-        for (int x = 0; x < width; x++) {
+        for (int x = 0; x < width && ranges[2 * y] < high && ranges[2 * y + 1] >= low; x++) {
             const PixelCorners there = pixel_corners(corners + (size_t)y * pitch + x, plane);
             for (int i = 0; i < 3 && there.samples[0] >= 0; i++)
                 if (there.weights[i] != 0.0f && there.samples[i] >= low && there.samples[i] < high)

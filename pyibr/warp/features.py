@@ -53,7 +53,8 @@ def gather_features(corners: DeviceArray, features: Features, target: Target, fi
         pixel_features=made,
         each=each,
         first=first,
-        **_sizes(corners, width, channels),
+        channels=channels,
+        **_sizes(corners, width),
     )
 
 
@@ -61,15 +62,20 @@ def scatter_features(corners: DeviceArray, gradient: NDArray[np.float32], shape:
     """Return the sums (H, W, C) of the pixels' values, (height, width, C), at the samples of a view of a `shape`."""
     (_, width, channels), profile = gradient.shape, current().profile
     sums, bands, each = empty((*shape, channels), np.float32), profile.chunks, profile.lanes
+    sizes = _sizes(corners, width)
+    ranges = empty((gradient.shape[0], 2), np.int32)
+    launch(_kernel("find_ranges"), (gradient.shape[0],), ranges=ranges, **sizes)
     launch(
         _kernel("scatter_features"),
         (-(-channels // each), bands),
+        ranges=ranges,
+        channels=channels,
         gradient=upload(gradient),
         sums=sums,
         samples=shape[0] * shape[1],
         each=each,
         bands=bands,
-        **_sizes(corners, width, channels),
+        **sizes,
     )
     return sums
 
@@ -78,6 +84,6 @@ def _kernel(name: str, **defines: int) -> Kernel:
     return kernel("warp/features.cl", name, CHANNELS=0, **defines)
 
 
-def _sizes(corners: DeviceArray, width: int, channels: int) -> dict[str, Any]:
+def _sizes(corners: DeviceArray, width: int) -> dict[str, Any]:
     _, height, row = corners.shape
-    return {"corners": corners, "channels": channels, "width": width, "height": height, "pitch": row}
+    return {"corners": corners, "width": width, "height": height, "pitch": row}
