@@ -84,7 +84,7 @@ def warp(
     Raises
     ------
     ArgumentError
-        An argument has a wrong type, shape or value, or an item has no valid depth at all.
+        An argument has a wrong type, shape or value.
     DeviceError
         No OpenCL device works.
 
@@ -109,8 +109,8 @@ def forward_warp(
     transformation2: Any,
     intrinsic1: Any,
     intrinsic2: Any = None,
-    is_image: bool = True,
     *,
+    is_image: bool = True,
     is_depth: bool = True,
     render_depth: bool = False,
     **options: Unpack[WarpOptions],
@@ -157,7 +157,7 @@ def forward_warp(
     Raises
     ------
     ArgumentError
-        An argument has a wrong shape or value, or an item has no valid depth at all.
+        An argument has a wrong shape or value.
 
     Examples
     --------
@@ -192,8 +192,7 @@ def forward_warp(
         depths[_array_of("mask1", mask1)[:, 0] <= 0] = np.nan
     job = _job("frame1", frame1, depths, cameras, [[target] for target in targets], options)
     values, mask, seen = (one[:, 0] for one in _warped(frame1, job._replace(hole=-1.0 if is_image else 0.0)))
-    if is_image and abs(_array_of("frame1", frame1)).max() > 1:
-        values = values.clip(-1, 1)
+    values = values.clip(-1, 1) if is_image else values
     mask2 = mask.to(frame1.dtype) if _is_torch(frame1) else mask.astype(frame1.dtype)
     return values, mask2, seen[:, 0] if render_depth else None, _like(frame1, flow)
 
@@ -231,6 +230,9 @@ class _Job(NamedTuple):
         made = np.empty((*shape, values.shape[1]), values.dtype)
         mask, depth = np.empty(shape, np.bool_), np.empty(shape, np.float32)
         for item, (view, targets) in enumerate(zip(self.views, self.targets, strict=True)):
+            if not view.valid.any():
+                made[item], mask[item] = 0, False
+                continue
             full = DepthImage(None, view.depth, view.camera, features=features[item])
             for number, camera in enumerate(targets):
                 at = item, number
@@ -249,7 +251,7 @@ class _Job(NamedTuple):
         size = self.views[0].depth.shape
         sums = np.zeros((len(self.views), *size, gradient.shape[2]), np.float32)
         for item, (view, targets) in enumerate(zip(self.views, self.targets, strict=True)):
-            for number, camera in enumerate(targets):
+            for number, camera in enumerate(targets if view.valid.any() else ()):
                 own = np.ascontiguousarray(np.moveaxis(gradient[item, number], 0, -1), np.float32)
                 sums[item] += warp_transposed(view, camera, own, **self.options)
         return np.moveaxis(sums, -1, 1)

@@ -132,6 +132,14 @@ def test_an_empty_view_is_a_mask_of_zeros():
     assert not made.mask.any() and not made.values.any() and not made.depth.any()
 
 
+def test_an_item_without_depth_is_empty_and_leaves_the_others():
+    some = depths(2)
+    some[0] = np.nan
+    made, alone = (ibr.torch.warp(values(2)[k:], some[k:], CAMERA, TARGETS) for k in (0, 1))
+    assert not made.mask[0].any() and not made.values[0].any() and not made.depth[0].any()
+    np.testing.assert_array_equal(made.values[1:], alone.values)
+
+
 def test_arrays_import_no_torch():
     script = "import sys, numpy as np, pyibr as ibr\n"
     script += "c = ibr.Camera([[9, 0, 4], [0, 9, 4], [0, 0, 1]], (9, 9))\n"
