@@ -23,6 +23,7 @@ MODULES = {
     "filling": "warp.filling",
     "edges": "warp.edges",
     "registration": "warp.registration",
+    "tensors": "warp.tensors",
     "cleaning": "cleaning.cleaning",
     "raster": "raster.raster",
     "slicing": "slicing.slicing",

@@ -65,6 +65,8 @@ class Plan:
     edges: tuple[Size, ...]
     edge_scenes: int  # only every n-th scene is measured
     registration: Mapping[Size, int]
+    tensors: Mapping[Size, int]
+    tensors_path: Mapping[Size, int]
     cleaning: Mapping[Size, int]
     runtimes: Mapping[Size, int]
     pages_size: Size
@@ -134,6 +136,8 @@ FULL = Plan(
     edges=((320, 240), (64, 48), (60, 45)),
     edge_scenes=1,
     registration={(640, 480): 31, (1280, 720): 21, (1920, 1080): 11},
+    tensors={(640, 480): 11},
+    tensors_path={(1280, 704): 7},
     cleaning={(640, 480): 15, (1280, 720): 7, (1920, 1440): 3},
     runtimes={(640, 480): 31, (1920, 1440): 11},
     pages_size=(640, 480),
@@ -212,6 +216,8 @@ QUICK = Plan(
     edges=((24, 18),),
     edge_scenes=10,
     registration={(64, 48): 1},
+    tensors={(64, 48): 1},
+    tensors_path={(64, 48): 1},
     cleaning={(64, 48): 1},
     runtimes={(64, 48): 1},
     pages_size=(320, 240),

@@ -23,6 +23,7 @@ from benchmarks.warp.filling_section import filling_section
 from benchmarks.warp.opencv import BASE, REMAP
 from benchmarks.warp.registration_section import registration_section
 from benchmarks.warp.rgbd_section import rgbd_section
+from benchmarks.warp.tensors_section import tensors_section
 
 COMPLEXITY = """## Complexity
 
@@ -250,6 +251,7 @@ SECTIONS = {
     "filling": filling_section,
     "edges": edges_section,
     "registration": registration_section,
+    "tensors": tensors_section,
     "cleaning": cleaning_section,
     "raster": raster_section,
     "slicing": slicing_section,

@@ -57,6 +57,7 @@ from pyibr.warp import (  # the function `warp` replaces its package as an attri
 import_module("pyibr.raster")  # registers the drawing of meshes
 
 if TYPE_CHECKING:
+    from pyibr import torch as torch
     from pyibr.app.batch import batch
     from pyibr.app.place import place
     from pyibr.app.view import view
@@ -87,6 +88,7 @@ _LATER = {
     "io.video_writing": ("write_video",),
     "relief": ("ReliefSurface",),
     "slicing": ("DepthObject", "SlicedSurface", "VisualHull"),
+    "torch": (),
 }
 
 __all__ = [

@@ -17,6 +17,7 @@ from pyibr.picture.drawable import as_drawable
 from pyibr.picture.surface import surface_of
 from pyibr.picture.unseen import MarkedUnseen
 from pyibr.warp import blending
+from pyibr.warp.warp import warp_transposed
 from tools import scenes
 
 Call = Callable[[], list[NDArray[Any]]]
@@ -142,6 +143,16 @@ def _gaussians() -> list[NDArray[Any]]:
     return [array for frame in frames for array in arrays_of(frame)]
 
 
+def _with_features() -> list[NDArray[Any]]:
+    known, rng = scenes.stepped(SIZE), np.random.default_rng(3)
+    features = rng.random((*known.depth.shape, 19), np.float32)
+    view = ibr.DepthImage(known.color, known.depth, known.camera, features=features)
+    camera = known.camera.moved(0.2, 0.1, 0.3)
+    frame = ibr.warp(view, camera)
+    assert frame.features is not None
+    return [*arrays_of(frame), frame.features, warp_transposed(view, camera, np.asarray(frame.features, np.float32))]
+
+
 def calls() -> dict[str, Call]:
     """Return the calls by name. Each call makes new things, and returns the arrays of all its results."""
     views, base = object_views(models.donut(20), 32), models.donut(12)
@@ -161,6 +172,7 @@ def calls() -> dict[str, Call]:
         "exemplar": warped(fill="exemplar"),
         "background": _with_background,
         "thin": warped(thin=True, cut_ratio=1.001, classes=True),
+        "features": _with_features,
         "lens": _through_a_lens,
         "samples": warped(samples=4),
         "seen": drawn(lambda: MarkedUnseen(as_drawable(base), views)),

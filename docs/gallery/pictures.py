@@ -9,6 +9,7 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
+import conditioning
 import depthcameras
 import depthmeshes
 import gaussians
@@ -100,6 +101,7 @@ if __name__ == "__main__":
     else:
         print(f"{IMAGES / 'gaussians-biker.jpg'} is not redrawn: PYIBR_BIKER names no file of the scene")
     save("depth-camera.jpg", depthcameras.steps(), 80)
+    save("conditioning.jpg", conditioning.beside(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)
     if teapot := os.environ.get("PYIBR_TEAPOT"):  # path of a mesh file of the teapot

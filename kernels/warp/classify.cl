@@ -44,6 +44,9 @@ OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int pa
      * than the surface, and all rays that approach it are nearer. */
     const intl all_free = map.dst_from_src[11] > 0.0f ? -1 : 0;
 
+#if ALIGNED
+    const intl first_at = to_intl(clamp_lanes(line.minor_0, (floatl)0.0f, last_minor) + 0.5f) * line.stride_minor;
+#endif
     floatl steps = select_lanes(line.from > line.to, (floatl)-1.0f, last - first), major = select_lanes(mirrored, first, last), ahead = NO_SURFACE;
     floatl pixel = side > 0.0f ? line.low : line.high;
     intl after = CLASS_OUTSIDE; /* class of rays whose last free place is this column: from the column walked before */
@@ -52,8 +55,12 @@ OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int pa
         if (!any_lane(untold))
             return;
         const floatl on_line = clamp_lanes(major, line.from, line.to), column = clamp_lanes(on_line, (floatl)0.0f, line.last_major);
+#if ALIGNED
+        const intl at = first_at + to_intl(column + 0.5f) * line.stride_major;
+#else
         const floatl row = clamp_lanes(line.minor_0 + line.tilt * on_line, (floatl)0.0f, last_minor);
         const intl at = to_intl(column + 0.5f) * line.stride_major + to_intl(row + 0.5f) * line.stride_minor;
+#endif
         const floatl here = (floatl)(gather(grid.nearness, at));
         const intl missing = here <= NO_SURFACE;
         const Projection place = project_at(targets, on_line, select_lanes(missing, (floatl)nearest, here));
@@ -63,7 +70,9 @@ OUTLINED void tell_packet(Grid grid, global float *told, LineGroup group, int pa
         if (any_lane(tells)) {
             const intl meets = there & (after == CLASS_HIDDEN) & (fabs(here - ahead) < ONE_SURFACE * fabs(here));
             const intl class_ = select_lanes(there | !enters, after, (intl)CLASS_OUTSIDE);
-            const floatl value = select_lanes(meets, place.q / place.w, as_floatl(class_));
+            floatl value = as_floatl(class_);
+            if (any_lane(tells & meets))
+                value = select_lanes(meets, place.q / place.w, value);
             const intl address = owned_pixel(line, group, map, pixel, tells, spare, guard);
 #if LANES == 1
             told[address] = value;

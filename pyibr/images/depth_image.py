@@ -36,6 +36,7 @@ from pyibr.images.noise import DepthNoise, Noise, checked_noise
 from pyibr.images.pictures import Pictured
 
 Color = NDArray[np.uint8] | NDArray[np.float32]
+Features = NDArray[np.uint8] | NDArray[np.float16] | NDArray[np.float32]
 Depth = NDArray[np.float32]
 Side = Literal["front", "back", "both"]
 """Side of a depth image's surface: the front faces its camera."""
@@ -44,6 +45,7 @@ DefaultDepth = Literal["farthest"]
 _UNIT = 1e-3  # tolerance of squared lengths: float32 or rounded normals are not exactly of length 1
 _LEAST_NEAR = 1e-3  # least nearness half a pixel beside a sample, relative to the sample's nearness
 _EVEN = 0.005  # relative difference of nearness below which neighbours are one surface
+_CHANNELS_MAX = 1024  # of features
 _CHUNK = 1 << 15  # samples per chunk: float64 values of larger chunks take several times longer
 
 
@@ -75,6 +77,9 @@ class DepthImage(Immutable, Pictured):
         a z^2 + b z + c at depth z. A function maps depths, (n,) float64, to deviations, (n,). By default, the noise is
         estimated from the samples. Depth edges are found, and views weighted for blending, with regard to the noise;
         `clean_depth` takes the same argument.
+    features : (H, W, C) uint8, float16 or float32, optional
+        Further values of each sample, such as a network's features or labels: 1 to 1,024 channels of any range.
+        `pyibr.warp` carries them over to `Frame.features`; pictures, files, light and fills do not use them.
     guessed : bool
         The samples are guesses of surface that other views do not see (`background_layer`). `warp` and `render` show
         them only in holes, as one surface without depth edges; `valid` stays False there. They cast no shadows, and
@@ -85,7 +90,7 @@ class DepthImage(Immutable, Pictured):
     noise : (a, b, c)
         The depth's noise has a standard deviation of about a z^2 + b z + c at depth z. If not given, it is estimated on
         first use.
-    color, depth, camera, far, normals, guessed
+    color, depth, camera, far, normals, features, guessed
         As given, except where `default_depth` changes them. `color` has the shape (H, W, 0) if there is none; `normals`
         have length 1, NaN where unknown, or are None. C-contiguous arrays are not copied, and are read-only through
         this object. Do not change the arrays or their originals afterwards: copies on the device would not follow.
@@ -110,6 +115,7 @@ class DepthImage(Immutable, Pictured):
     camera: Camera
     far: float
     normals: NDArray[np.float32] | None
+    features: Features | None
     guessed: bool
 
     def __init__(
@@ -122,6 +128,7 @@ class DepthImage(Immutable, Pictured):
         default_depth: float | DefaultDepth | None = None,
         normals: NDArray[np.float32] | None = None,
         noise: Noise | DepthNoise | None = None,
+        features: Features | None = None,
         guessed: bool = False,
     ) -> None:
         instance_of("camera", camera, Camera, "a pyibr.Camera")
@@ -138,11 +145,13 @@ class DepthImage(Immutable, Pictured):
             given = None if noise is None else checked_noise(noise, self.depth, self.far, camera.projection)
             noise = DepthNoise(self.depth, self.far, given)
         self.depth_noise = noise  # shared with images of the same depth in other colours
+        self.features = None if features is None else locked(checked_features("features", features, shape))
         self.guessed = checked_bool("guessed", guessed)
 
     def __reduce__(self) -> tuple[partial[DepthImage], tuple[object, ...]]:
         color = self.color if self.has_color else None
-        options = {"far": self.far, "normals": self.normals, "noise": self.depth_noise.given, "guessed": self.guessed}
+        options = {"far": self.far, "normals": self.normals, "noise": self.depth_noise.given}
+        options |= {"features": self.features, "guessed": self.guessed}
         return partial(DepthImage, **options), (color, self.depth, self.camera)
 
     def _with_color(self, color: Color | None) -> DepthImage:
@@ -154,6 +163,7 @@ class DepthImage(Immutable, Pictured):
             far=self.far,
             normals=self.normals,
             noise=self.depth_noise,
+            features=self.features,
             guessed=self.guessed,
         )
 
@@ -338,6 +348,17 @@ def _checked_normals(normals: object, camera: Camera) -> NDArray[np.float32]:
         expected = "normals towards the camera: in its frame (x right, y down, z forward) most have z < 0"
         raise ArgumentError("normals", expected, f"{away} of {away + towards} that point away from it")
     return made
+
+
+def checked_features(argument: str, features: object, shape: tuple[int, int]) -> Features:
+    """Return features of an image of `shape` with at least one channel, or raise ArgumentError."""
+    expected = f"uint8, float16 or float32 of shape {shape_text((*shape, None))}, 1 to {_CHANNELS_MAX} channels"
+    array = plain_array(argument, features, expected)
+    if not fits(array, (*shape, None)) or array.dtype.name not in ("uint8", "float16", "float32"):
+        raise ArgumentError(argument, expected, describe(array if isinstance(features, np.ndarray) else features))
+    if not 1 <= array.shape[2] <= _CHANNELS_MAX:
+        raise ArgumentError(argument, expected, describe(array))
+    return array
 
 
 def checked_depth(depth: object, shape: tuple[int | None, ...], argument: str = "depth") -> Depth:

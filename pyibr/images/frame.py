@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.images.depth_image import Color, Depth
+from pyibr.images.depth_image import Color, Depth, Features
 from pyibr.images.pictures import Pictured
 
 
@@ -55,8 +55,8 @@ class Frame(Pictured):
         If requested: the `PixelClass` of each pixel.
     source : (H, W, 2) float32, or None
         If requested: the position (x, y) in the source where each pixel's ray meets the surface, with subpixel
-        precision (with any `interpolation`); NaN where not valid. With it, `cv2.remap` or indexing transfers other data
-        of the source (labels, features, flow).
+        precision (with any `interpolation`); NaN where not valid. To transfer labels or features, give the source
+        `DepthImage.features`, which do not mix across depth edges.
     view : (H, W) int32, or None
         If requested: the index of the view that each pixel comes from, -1 where not valid.
     alpha : (H, W) float32, or None
@@ -65,6 +65,10 @@ class Frame(Pictured):
         of the Gaussians. The colour is the mean of all samples; without a background and without filled holes, it is
         the surface's colour times alpha. Filled samples contribute to the pixel's colour, but not to its alpha. The
         depth is the front surface's among the seen samples, or among the filled samples where no sample was seen.
+    features : (H, W, C), or None
+        If the views have features: those of the surface at each pixel, in their dtype, 0 where not valid. `warp` takes
+        them from the samples and with the weights from which it interpolates colours. With several views, the features
+        of a pixel come from one of them, `view`.
     guessed : (H, W) bool, or None
         If a drawn object guesses surface, as a closed `DepthMeshObject` does: the pixels that show surface which no
         view saw. With several samples per pixel, one such sample suffices. Guessed pixels are valid, but only for
@@ -89,6 +93,7 @@ class Frame(Pictured):
     view: NDArray[np.int32] | None = None
     alpha: NDArray[np.float32] | None = None
     guessed: NDArray[np.bool_] | None = None
+    features: Features | None = None
 
     def __repr__(self) -> str:
         color = self.color.dtype if self.color.shape[2] else "depth alone"

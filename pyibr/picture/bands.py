@@ -15,6 +15,8 @@ from pyibr.opencl.device import Session
 
 _PIXELS_MIN = 1 << 20  # least pixels per band: if such a band does not fit, the things take the memory, not the picture
 
+_WRITTEN = ("color", "depth", "valid", "features")  # arrays of `out` frames
+
 Begin = Callable[[Camera, Frame | None], Callable[[], Frame]]
 """Begins to draw a picture, into a frame's arrays if given. After a wait, the returned function returns the frame."""
 
@@ -51,10 +53,11 @@ def frames_in_memory(
     if len(cameras) > 1:
         return [alone(camera, out) for camera, out in zip(cameras, outs, strict=True)]
     (camera,), (out,) = cameras, outs
-    told: dict[str, Any] = {} if out is None else {"color": out.color, "depth": out.depth, "valid": out.valid}
+    told: dict[str, Any] = {} if out is None else {name: getattr(out, name) for name in _WRITTEN}
+    told = {name: array for name, array in told.items() if array is not None}
     for rows in (slice(height // 2), slice(height // 2, height)):
         band = _rows_of(camera, rows)
-        own = None if out is None else Frame(out.color[rows], out.depth[rows], out.valid[rows], band)
+        own = None if out is None else Frame(camera=band, **{name: array[rows] for name, array in told.items()})
         _put(alone(band, own), told, rows, height)  # copied, so that the band's memory is free for the next
     return [Frame(camera=camera, **told)]
 

@@ -37,6 +37,11 @@ def clear(array: DeviceArray, value: float) -> None:
     launch(kernel("picture/begin.cl", name), profile.shares(count), **arguments)
 
 
+def in_words(features: NDArray[Any]) -> NDArray[Any]:
+    """Return features as kernels take them: float16 as uint16."""
+    return features.view(np.uint16) if features.dtype == np.float16 else features
+
+
 class GBuffer:
     """The G-buffer (Saito & Takahashi 1990): geometry of the pixels that are lit after all things are drawn.
 
@@ -97,6 +102,8 @@ class Target:
     alpha : (H, W) float32 DeviceArray, or None
         The opacity, with several samples per pixel (the fraction of samples that show a surface) or with things that
         are not opaque.
+    features : (H, W, C) DeviceArray, or None
+        Features of the surface, if the views have some; float16 as uint16.
     guesses : (H, W) float32 DeviceArray, or None
         Depths at which guessed surface was drawn, or None if there is none. A pixel shows guessed surface only if this
         depth equals the picture's depth.
@@ -141,6 +148,7 @@ class Target:
         self.source_view = empty(shape, np.int32) if origins else None
         self.classes = empty(shape, np.uint8) if classes else None
         self.alpha: DeviceArray | None = None
+        self.features: DeviceArray | None = None
         self.guesses: DeviceArray | None = None
         self.blank = True
         self.filled = False
@@ -198,6 +206,14 @@ class Target:
             self.alpha = empty(self.depth.shape, np.float32)
             self._launch("valid_to_alpha", valid=self.valid, alpha=self.alpha)
         return self.alpha
+
+    def made_features(self, channels: int, dtype: np.dtype[Any]) -> DeviceArray:
+        """Return the buffer of features; it is created, undefined, if there is none."""
+        if self.features is None:
+            out, shape = None if self.out is None else self.out.features, (*self.depth.shape, channels)
+            kept = empty(shape, np.uint16 if dtype == np.float16 else dtype) if out is None else output(in_words(out))
+            self.features = kept
+        return self.features
 
     def _launch(self, name: str, **arguments: Any) -> None:
         (width, height), profile = self.camera.size, current().profile
@@ -285,6 +301,7 @@ class Target:
             "classes": self.classes,
             "alpha": self.alpha,
             "guessed": self.guesses,
+            "features": self.features,
         }
         return {name: array for name, array in told.items() if array is not None}
 
@@ -297,8 +314,11 @@ class Target:
             told = {**values, "valid": values["valid"].view(np.bool_)}
             if "guessed" in values:
                 told["guessed"] = values["guessed"] == values["depth"]
+            if "features" in values and values["features"].dtype == np.uint16:
+                told["features"] = values["features"].view(np.float16)
             if self.out is not None:
                 told |= {"color": self.out.color, "depth": self.out.depth, "valid": self.out.valid}
+                told |= {} if self.out.features is None else {"features": self.out.features}
             return Frame(camera=self.camera, **told)
 
         return finished

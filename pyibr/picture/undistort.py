@@ -20,6 +20,7 @@ from pyibr.core.undistortion import (
     undistorted_camera,
 )
 from pyibr.images import DepthImage
+from pyibr.images.depth_image import Features
 from pyibr.images.silhouette import Silhouette
 from pyibr.opencl.device import current, one_call
 from pyibr.opencl.device_cache import cached_on_device
@@ -121,10 +122,30 @@ def _undistorted_view(view: DepthImage, cut: NDArray[np.void], linear: bool) -> 
     normals = None
     if view.normals is not None:
         normals, _ = _undistorted(view.normals, view.depth, view.far, view.camera, cut, linear)
+    features = None if view.features is None else _undistorted_features(view, view.features, cut, linear)
     camera = undistorted_camera(view.camera)
     # Interpolated samples are unevenly smoothed, so edges are detected with the noise of the original samples.
     colors = color if view.has_color else None
-    return DepthImage(colors, depth, camera, far=view.far, normals=normals, noise=view.noise, guessed=view.guessed)
+    told: dict[str, Any] = {
+        "far": view.far,
+        "normals": normals,
+        "noise": view.noise,
+        "features": features,
+        "guessed": view.guessed,
+    }
+    return DepthImage(colors, depth, camera, **told)
+
+
+def _undistorted_features(view: DepthImage, features: Features, cut: NDArray[np.void], linear: bool) -> Features:
+    """Undistort features as colours of three channels each."""
+    made = list[NDArray[Any]]()
+    for first in range(0, features.shape[2], 3):
+        some = features[..., first : first + 3]
+        some = some.astype(np.float32) if some.dtype == np.float16 else some
+        padded = np.pad(some, ((0, 0), (0, 0), (0, 3 - some.shape[2])))
+        color, _ = _undistorted(padded, view.depth, view.far, view.camera, cut, linear)
+        made.append(color[..., : some.shape[2]].astype(features.dtype))
+    return np.concatenate(made, axis=2)
 
 
 def _check_within(argument: str, what: str, valid: NDArray[np.bool_], camera: Camera) -> None:

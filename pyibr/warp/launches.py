@@ -253,7 +253,8 @@ class Pass:
         defines = {"ALIGNED": int(aligned)}
         groups, packets = line_groups(pixel_map.epipole, Rectangle(0, width, 0, height), profile.lanes, aligned)
         told = target.scratch(height * pitch(width) + (packets + 1) * profile.lanes)
-        clear(told, 0.0 if packets else pixel_map.typical)
+        if not (aligned and packets):  # aligned lines write all pixels
+            clear(told, 0.0 if packets else pixel_map.typical)
         shared = {"surface": self.surface.nearness, "told": told, "map": map_of(pixel_map.pair)}
         if packets:
             launch(

@@ -16,7 +16,7 @@ from pyibr.core.checks import Float64, Immutable, checked_bool, cut_ratio_from, 
 from pyibr.core.errors import ArgumentError
 from pyibr.core.optional import opencv
 from pyibr.core.pixelspace import PixelMap, Rectangle, camera_pair, pixel_size
-from pyibr.images.depth_image import DepthImage, Side
+from pyibr.images.depth_image import DepthImage, Features, Side
 from pyibr.images.exposure import exposure_gains
 from pyibr.images.frame import PixelClass
 from pyibr.images.order import order_of
@@ -31,6 +31,7 @@ from pyibr.picture.surface import Surface, surface_of
 from pyibr.picture.target import Target, color_defines
 from pyibr.picture.undistort import Interpolation, undistorted
 from pyibr.warp.blending import Blend, Layer, blend
+from pyibr.warp.features import find_corners, gather_features
 from pyibr.warp.filling import Fill, fill_holes
 from pyibr.warp.launches import Options, Pass, build_ahead_of_warp, defines_of, forward_warp
 from pyibr.warp.looked_through import surfaces_of
@@ -171,6 +172,8 @@ class WarpedView(Immutable):
             opencv('fill="inpaint"', "inpaint")  # before anything is drawn
         self.fill: Fill | None = fill
         self.thin = checked_bool("thin", thin)
+        if method == "forward" and self.channels:
+            raise ArgumentError("method", "another than forward with views that have features", "forward")
         if thin and method == "forward":
             raise ArgumentError("thin", 'False with method="forward", which draws each sample as a square', "True")
         self.splat = number_from("splat", splat, 1.0, _SPLAT_MAX, f"1 to {_SPLAT_MAX:g} pixels")
@@ -196,6 +199,23 @@ class WarpedView(Immutable):
         """The views without their lenses."""
         cut_ratio = None if self.edges == "connect" else self.cut_ratio or _LENS_CUT_RATIO
         return [undistorted(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
+
+    @property
+    def channels(self) -> int:
+        """Number of channels of the views' features, 0 without features."""
+        return 0 if self.views[0].features is None else self.views[0].features.shape[2]
+
+    def carry_features(self, target: Target) -> None:
+        """Add the views' features to a finished picture, which has the origins of its pixels."""
+        for number in order_of(self.sources) if self.channels else ():
+            features = self.sources[number].features
+            assert features is not None
+            gather_features(self.corners(target, number), features, target, first=target.features is None)
+
+    def corners(self, target: Target, number: int) -> DeviceArray:
+        """Return the result of `find_corners` for a view's pixels of a finished picture."""
+        surface, pixel_map = self._surface_of(number, target)
+        return find_corners(target, surface, pixel_map.pair, number, self.interpolation == "linear")
 
     def begin(self, camera: Camera, *, origins: bool = False, classes: bool = False) -> None:
         """Start preparing the views' surfaces, and building the programs for a camera's picture of them."""
@@ -376,4 +396,11 @@ def _checked_views(views: DepthImage | Sequence[DepthImage]) -> tuple[DepthImage
             raise ArgumentError("views", "views that all have colours, or none", "some of depth alone")
         if view.color.dtype != several[0].color.dtype:
             raise ArgumentError("views", "colours of one dtype", f"{several[0].color.dtype} and {view.color.dtype}")
+        if _kind_of(view.features) != _kind_of(several[0].features):
+            got = f"{_kind_of(several[0].features)} and {_kind_of(view.features)}"
+            raise ArgumentError("views", "features of one dtype and number of channels, or none", got)
     return several
+
+
+def _kind_of(features: Features | None) -> str:
+    return "none" if features is None else f"{features.dtype} with {features.shape[2]} channels"

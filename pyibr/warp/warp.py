@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
@@ -20,6 +20,7 @@ from pyibr.opencl.memory_pool import telling_shortage
 from pyibr.picture.bands import Begin, frames_in_memory
 from pyibr.picture.picture import PictureParts
 from pyibr.picture.target import Target
+from pyibr.warp.features import scatter_features
 from pyibr.warp.view import OPTIONS, WarpedView, WarpOptions
 
 if TYPE_CHECKING:
@@ -82,15 +83,16 @@ def warp(
         each pixel. `origins` and `classes` require a single sample.
     out : Frame or sequence of Frame, optional
         Frames to write into, instead of new ones. Their arrays are C-contiguous and writable, have the target's size
-        and the views' dtype, and share no memory. Arrays for `origins` and `classes` are new in any case. If Ctrl-C
-        ends the call, the frames are partly written.
+        and the views' dtype, and share no memory. Arrays for `origins` and `classes` are new in any case, and those for
+        features if the frame has none. If Ctrl-C ends the call, the frames are partly written.
     **options
         Options of `WarpedView`, such as `method`, `interpolation`, `edges` and `fill`.
 
     Returns
     -------
     Frame, or list of Frame if `camera` is a sequence
-        Colour in the views' dtype, planar depth, and a mask of the pixels that were seen.
+        Colour in the views' dtype, planar depth, and a mask of the pixels that were seen. If the views have features,
+        the frames have features and origins, too.
 
     Raises
     ------
@@ -129,7 +131,9 @@ def warp(
             raise ArgumentError(name, 'False with method="forward", which casts no rays', "True")
         if samples > 1:
             raise ArgumentError(name, "False with several samples a pixel, which may differ", "True")
-    asked["origins"] |= asked["classes"]
+    if samples > 1 and thing.channels:
+        raise ArgumentError("samples", "1 with views that have features", str(samples))
+    asked["origins"] |= asked["classes"] or thing.channels > 0
     outs = _checked_out(out, camera, cameras, thing.views)
     with telling_shortage("this machine"):
         sources = thing.sources
@@ -146,7 +150,13 @@ def warp(
 
     def begin() -> Begin:
         shared: dict[str, Any] = {"dtype": color.dtype, "channels": color.shape[2], "pool": {}, **asked}
-        return lambda camera, out: PictureParts(camera, samples).drawn(draw, out=out, **shared).begin_frame()
+
+        def one(camera: Camera, out: Frame | None) -> Callable[[], Frame]:
+            target = PictureParts(camera, samples).drawn(draw, out=out, **shared)
+            thing.carry_features(target)
+            return target.begin_frame()
+
+        return one
 
     with one_call() as session:
         thing.begin(cameras[0], **asked)
@@ -156,6 +166,21 @@ def warp(
             _through_lenses(frame, thing.views)
     _tell_empty(made, isinstance(camera, Camera))
     return made[0] if isinstance(camera, Camera) else made
+
+
+def warp_transposed(
+    view: DepthImage, camera: Camera, gradient: NDArray[np.float32], **options: Unpack[WarpOptions]
+) -> NDArray[np.float32]:
+    """Return the transposed map of the warp of a view's features: (H, W, C) sums at the samples.
+
+    A sample sums the values of the pixels of `gradient`, (height, width, C), with the weights that it has in them.
+    """
+    thing = WarpedView(view, **options)
+    with one_call():
+        thing.begin(camera, origins=True)
+        target = Target(camera, view.color.dtype, channels=0, origins=True)
+        thing.draw(target, None)
+        return scatter_features(thing.corners(target, 0), gradient, view.depth.shape).to_host()
 
 
 def _complete_signature() -> inspect.Signature:
@@ -222,8 +247,10 @@ def _checked_out(
     if several != isinstance(out, Sequence) or len(outs) != len(cameras):
         expected = f"a sequence of {len(cameras)} frames" if several else "a Frame"
         raise ArgumentError("out", expected, f"{len(outs)} frames" if isinstance(out, Sequence) else describe(out))
-    taken: list[Array] = [array for view in views for array in (view.color, view.depth)]
-    like = views[0].color
+    taken: list[Array] = [
+        array for view in views for array in (view.color, view.depth, view.features) if array is not None
+    ]
+    like, features = views[0].color, views[0].features
     for one, frame in zip(cameras, outs, strict=True):
         if not isinstance(frame, Frame):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("out", "a Frame", describe(frame))
@@ -233,6 +260,8 @@ def _checked_out(
             ("depth", shape, np.float32),
             ("valid", shape, np.bool_),
         )
+        if features is not None and frame.features is not None:
+            kinds = (*kinds, ("features", (*shape, features.shape[2]), features.dtype))
         for name, expected, dtype in kinds:
             given: object = getattr(frame, name)
             array = cast("Array", given)

@@ -29,6 +29,7 @@ from pyibr.picture.surface import surface_of
 from pyibr.picture.unseen import MarkedUnseen
 from pyibr.raster.rays import triangles_met
 from pyibr.warp import blending, exemplar
+from pyibr.warp.warp import warp_transposed
 from tests import scenes
 from tests.opencl.setting import KINDS, Launches, Poisoned, Ran, Setting, kernels_of
 from tests.scenes import Size
@@ -97,6 +98,24 @@ def _warp_with_texture(view: DepthImage, camera: ibr.Camera) -> ibr.Frame:
     """Fill holes with texture in several resolutions, though the picture is small."""
     with patch.object(exemplar, "_SIDE_MIN", 4):
         return ibr.warp(view, camera, fill="exemplar")
+
+
+def _warp_back(view: DepthImage, camera: ibr.Camera, channels: int) -> NDArray[np.float32]:
+    return warp_transposed(view, camera, np.ones((camera.height, camera.width, channels), np.float32))
+
+
+def _features(setting: Setting) -> Cases:
+    """Features of one and of more than sixteen channels, on surfaces of all sizes, and back."""
+    for size, target in (((13, 7), (5, 7)), ((1, 1), (1, 1)), ((17, 33), (37, 5)))[: setting.choose(1, 2, 3)]:
+        known = setting.view(scenes.holed, size, "perspective")
+        camera = known.camera.moved(0.05, 0.02, 0.1).resized(target)
+        if not known.valid.any():
+            continue
+        for channels, dtype in ((1, np.uint8), (3, np.float16), (19, np.float32), (17, np.uint8), (33, np.float16)):
+            values = np.full((size[1], size[0], channels), 3, dtype)
+            view = DepthImage(None, known.depth, known.camera, far=known.far, features=values)
+            yield f"{channels} features {size} to {target}", partial(ibr.warp, view, camera)
+            yield f"{channels} features {size} back", partial(_warp_back, view, camera, channels)
 
 
 def _warp_holding_one(views: list[DepthImage], camera: ibr.Camera) -> ibr.Frame:
@@ -444,7 +463,20 @@ def _cleanings(setting: Setting) -> Cases:
 GROUPS: dict[str, tuple[tuple[str, ...], tuple[Callable[[Setting], Cases], ...]]] = {
     "images": (
         ("lib", "picture", "cleaning", "warp"),
-        (_registrations, _splats, _lenses, _bridges, _bounds, _relit, _marked, _ribbons, _cleanings, _layers, _warps),
+        (
+            _registrations,
+            _splats,
+            _lenses,
+            _bridges,
+            _bounds,
+            _relit,
+            _marked,
+            _ribbons,
+            _cleanings,
+            _layers,
+            _warps,
+            _features,
+        ),
     ),
     "slices": (("raster", "slicing"), (_meshes, _rays, _sorted, _surfaces, _objects)),
     "reliefs": (("relief",), (_reliefs,)),
