@@ -119,7 +119,7 @@ def made_of() -> Figure:
     drawn = ibr.render([solid, floor()], turned, SUN, background=WHITE, samples=4)
     eyes = ibr.stereo([tree(), floor(), wall()], CAMERA, layout="dubois", background=WHITE, samples=4)
     panels = {
-        "a depth image, from 12 degrees to its side": warped.color,
+        "a depth image, seen from 12 degrees beside": warped.color,
         "an object of six depth images, with its shadow": drawn.color,
         "a picture for red and cyan glasses": eyes,
     }
@@ -130,7 +130,7 @@ def made_of() -> Figure:
 
 
 def biker(scene: ibr.Gaussians) -> Figure:
-    """Draw a scene of photographs on a floor, with its shadow; its depth; and an object made of it.
+    """Draw a scene of photographs on a floor, with its shadow; its depth; and its depth seen from the side.
 
     The scene is `biker` of playcanvas/engine, examples/assets/splats; -y is up.
     """
@@ -139,8 +139,8 @@ def biker(scene: ibr.Gaussians) -> Figure:
     side, ground = 1.6 * tall, high[1]
     flat = quad((-side, ground, -side), (2 * side, 0, 0), (0, 0, 2 * side))
     below = ibr.Mesh(flat.vertices, flat.faces, colors=np.full((4, 3), 214, np.uint8))
-    lamp = ibr.Light(direction=(-0.2, 1, 0.8), ambient=0.45, shadow_size=2048)
-    eye = middle + tall * np.array([1.4, -0.35, 0.35])
+    lamp = ibr.Light(direction=(-0.7, 1, -0.25), ambient=0.45, shadow_size=2048)
+    eye = middle + tall * np.array([0.75, -0.35, 1.25])
     camera = ibr.Camera.look_at(eye, middle, (0, -1, 0), (420, 440), fov_y=46)
     frame = ibr.render([scene, below], camera, lamp, background=WHITE, samples=4)
     alone = ibr.render(scene, camera)

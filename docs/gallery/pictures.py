@@ -96,10 +96,6 @@ if __name__ == "__main__":
     save("gaussians.jpg", gaussians.together(), 80)
     save("gaussians-made-of.jpg", gaussians.made_of(), 80)
     ibr.write_color(IMAGES / "choose-gaussians.jpg", gaussians.choice())
-    if biker := os.environ.get("PYIBR_BIKER"):  # path of a file of the scene
-        save("gaussians-biker.jpg", gaussians.biker(ibr.Gaussians.load(biker)), 80)
-    else:
-        print(f"{IMAGES / 'gaussians-biker.jpg'} is not redrawn: PYIBR_BIKER names no file of the scene")
     save("depth-camera.jpg", depthcameras.steps(), 80)
     save("conditioning.jpg", conditioning.beside(), 80)
     save("own-system.jpg", splats(), 100)
