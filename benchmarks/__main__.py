@@ -38,11 +38,14 @@ MODULES = {
     "card": "gpu.card",
 }
 NAMES = ", ".join(MODULES)
-ALONE = "card"  # measured on a machine with a GPU; its report is in a separate folder
+APART = {"card": "a GPU", "gaussians": "Mesa's lavapipe", "tensors": "PyTorch"}
+"""Benchmarks that need more than `make bench` installs: each has its report in a folder of its own."""
 
 
 def main(
-    names: Annotated[list[str] | None, typer.Argument(help=f"Some of: {NAMES}. Default: all but {ALONE}.")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(help=f"Some of: {NAMES}. Default: all but {', '.join(APART)}.")
+    ] = None,
     quick: Annotated[bool, typer.Option(help="Tiny sizes, to see that everything runs.")] = False,
     python: Annotated[
         list[Path] | None,
@@ -55,14 +58,14 @@ def main(
     """Measure pyibr against the papers' figures and its peers. Run nothing else meanwhile."""
     import pyibr as ibr
 
-    wanted = names or [name for name in MODULES if name != ALONE]
+    wanted = names or [name for name in MODULES if name not in APART]
     unknown = sorted(set(wanted) - set(MODULES))
     if unknown:
         raise typer.BadParameter(f"expected some of {NAMES}, got {', '.join(unknown)}")
     if out is None:
         here = Path(__file__).parent
         out = here.parent / "build/benchmarks" if quick else here / "results" / ibr.__version__
-        out = out / ALONE if wanted == [ALONE] else out
+        out = out / wanted[0] if len(wanted) == 1 and wanted[0] in APART else out
     plan = replace(QUICK if quick else FULL, pythons=(Path(sys.executable), *(python or [])))
     for name in wanted:
         module = import_module(f"benchmarks.{MODULES[name]}")

@@ -113,7 +113,7 @@ def together() -> Figure:
 def made_of() -> Figure:
     """Draw things made of the tree: a depth image, an object, and a picture for two eyes."""
     image = capture(tree(), CAMERA, background=WHITE)
-    solid = ibr.DepthObject(object_views(tree(), 512, margin=0.1))
+    solid = ibr.DepthObject(object_views(tree(), 512))
     turned = CAMERA.orbited(12, (0, 0, 1.25))
     warped = ibr.render([image, floor(), wall()], turned, SUN, background=WHITE, samples=4)
     drawn = ibr.render([solid, floor()], turned, SUN, background=WHITE, samples=4)
@@ -126,31 +126,6 @@ def made_of() -> Figure:
     figure, row = plt.subplots(1, 3, figsize=(14, 3.45), layout="constrained")
     for axes, (name, picture) in zip(row, panels.items(), strict=True):
         show(axes, picture, name)
-    return figure
-
-
-def biker(scene: ibr.Gaussians) -> Figure:
-    """Draw a scene of photographs on a floor, with its shadow; its depth; and its depth seen from the side.
-
-    The scene is `biker` of playcanvas/engine, examples/assets/splats; -y is up.
-    """
-    low, high = scene.bounds
-    middle, tall = 0.5 * (low + high), float(high[1] - low[1])
-    side, ground = 1.6 * tall, high[1]
-    flat = quad((-side, ground, -side), (2 * side, 0, 0), (0, 0, 2 * side))
-    below = ibr.Mesh(flat.vertices, flat.faces, colors=np.full((4, 3), 214, np.uint8))
-    lamp = ibr.Light(direction=(-0.7, 1, -0.25), ambient=0.45, shadow_size=2048)
-    eye = middle + tall * np.array([0.75, -0.35, 1.25])
-    camera = ibr.Camera.look_at(eye, middle, (0, -1, 0), (420, 440), fov_y=46)
-    frame = ibr.render([scene, below], camera, lamp, background=WHITE, samples=4)
-    alone = ibr.render(scene, camera)
-    away = np.linalg.norm(eye - middle)
-    depth = plt.get_cmap("viridis")((away + 0.25 * tall - alone.depth) / (0.5 * tall))[..., :3]
-    solid = ibr.DepthObject(object_views(scene, 512, margin=0.1))
-    figure, row = plt.subplots(1, 3, figsize=(12, 4.4), layout="constrained")
-    show(row[0], frame.color, f"{len(scene):,} Gaussians on a mesh")
-    show(row[1], np.where(alone.valid[..., None], depth, 1), "their depth")
-    show(row[2], ibr.render([solid, below], camera, lamp, background=WHITE, samples=4).color, "an object made of them")
     return figure
 
 

@@ -33,7 +33,8 @@ Float32 = NDArray[np.float32]
 
 _HARMONICS = (1, 4, 9, 16)
 _REACH = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
-_STRAY = 0.005  # share of the Gaussians that may lie outside of the bounds on each side
+_STRAY = 0.005  # share of the Gaussians that may be strays, on each side
+_ASTRAY = 0.25  # distance from the other Gaussians' box, in its sides, from which they are
 _INSERTIONS = (
     (32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
     (2, 0x1249249249249249),
@@ -182,7 +183,8 @@ class Gaussians(Immutable):
     def bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,), in the world: a box around the Gaussians.
 
-        Along each axis, half a per cent is left out at either end, as clouds of photographs have stray Gaussians.
+        Clouds of photographs have stray Gaussians. So half a per cent at either end of each axis is left out, if it
+        reaches farther than a quarter of the others' extent.
         """
         return self._bounds
 
@@ -190,8 +192,10 @@ class Gaussians(Immutable):
     def _bounds(self) -> tuple[Float64, Float64]:
         reach = _REACH * self.scales.max(axis=1, keepdims=True).astype(np.float64)
         ends = np.sort(self.means - reach, axis=0), np.sort(self.means + reach, axis=0)
-        left_out = int(_STRAY * len(self))
-        return ends[0][left_out], ends[1][len(self) - 1 - left_out]
+        strays = int(_STRAY * len(self))
+        low, high = ends[0][strays], ends[1][len(self) - 1 - strays]
+        lowest, highest, far = ends[0][0], ends[1][-1], _ASTRAY * (high - low)
+        return np.where(low - lowest > far, low, lowest), np.where(highest - high > far, high, highest)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw nothing: Gaussians are not opaque, and are blended after all opaque things."""

@@ -11,7 +11,7 @@ import pytest
 
 import pyibr as ibr
 from benchmarks import llvmpipe, report, scenes, table2
-from benchmarks.__main__ import ALONE, MODULES, main
+from benchmarks.__main__ import APART, MODULES, main
 from benchmarks.depthmesh import depthmesh, simplification
 from benchmarks.launches import Visited, build_times, counted_samples, kernel_times
 from benchmarks.results import Record, Result, Skip
@@ -70,10 +70,12 @@ def test_turns_alternate_after_one_run_each_for_nothing() -> None:
 
 def test_the_report_is_of_one_commit() -> None:
     folder = Path(report.__file__).parent / "results" / ibr.__version__
-    results = [Result.load(path) for path in folder.glob("*.json")]
-    assert {result.benchmark for result in results} == set(MODULES) - {ALONE}
-    (commit,) = {result.environment["commit"] for result in results}
-    assert commit and not commit.endswith("+"), "measured with uncommitted changes"
+    names = {"": set(MODULES) - set(APART), **{name: {name} for name in APART}}
+    for place, expected in names.items():
+        results = [Result.load(path) for path in (folder / place).glob("*.json")]
+        assert {result.benchmark for result in results} == expected
+        (commit,) = {result.environment["commit"] for result in results}
+        assert commit and not commit.endswith("+"), "measured with uncommitted changes"
 
 
 def test_result_survives_json(tmp_path: Path) -> None:

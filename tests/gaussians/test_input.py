@@ -84,6 +84,18 @@ def test_a_cloud_cannot_change_and_can_be_copied():
     np.testing.assert_allclose([low, high], thing.means[0] + 3.33 * thing.scales[0].max() * np.array([[-1], [1]]))
 
 
+def test_bounds_leave_out_strays_alone():
+    thing = cloud(1000)
+    low, high = thing.bounds
+    means = thing.means.copy()
+    means[:3, 0], means[3:6, 1] = 500, -500
+    with_strays = like(thing, means=means).bounds
+    np.testing.assert_array_equal(low[2], with_strays[0][2])
+    assert low[1] <= with_strays[0][1] < low[1] + 1 and high[0] - 1 < with_strays[1][0] <= high[0]
+    reach = 3.33 * thing.scales.max(axis=1, keepdims=True)
+    np.testing.assert_allclose([low, high], [(thing.means - reach).min(axis=0), (thing.means + reach).max(axis=0)])
+
+
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_a_file_keeps_the_cloud(tmp_path: Path, degree: int):
     thing = cloud(300, degree)
