@@ -6,6 +6,7 @@ import json
 import math
 import threading
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,10 +63,10 @@ class ViewPage:
 
     # ---- pictures
 
-    def _paint(self, camera: Camera) -> Picture:
+    def _paint(self, camera: Camera, rests: bool) -> Picture:
         self._hide_frusta_at(camera)
         with telling_builds(self.panel.say):
-            return paint(self.scene.methods, camera, self.controls.style())
+            return paint(self.scene.methods, camera, replace(self.controls.style(), moving=not rests))
 
     def _changed(self) -> None:
         self._show_frusta()
