@@ -32,6 +32,7 @@ from pyibr.warp.warp import warp
 Layout = Literal["one", "swipe", "side by side", "difference"]
 Show = Literal["color", "depth", "classes", "view"]
 
+_COARSEST = 0.5  # scale below which a warp takes little less time, and shows little
 _CACHED_MAX = 4  # sets of parameter values whose things stay on the device
 
 
@@ -68,6 +69,7 @@ class RenderMethod:
     make: Callable[[], Sequence[Any]]  # makes the things to draw, on first use
     how: Draw
     explains: bool = False  # whether its frames hold the class and the source view of each pixel
+    coarsest: float = 0.0  # least scale of its pictures while the camera moves
     fixed: tuple[str, ...] = ()  # options of the things that define this method and are therefore not parameters
 
     @cached_property
@@ -134,7 +136,7 @@ def _rendered(things: Sequence[Thing]) -> RenderMethod:
         exact = last.draw_moving if style.moving else last.draw
         return exact(lambda camera: _render(things, camera, style), camera, style.look)
 
-    return RenderMethod(lambda: things, draw)
+    return RenderMethod(lambda: things, draw, coarsest=_COARSEST)
 
 
 def _warped(views: Sequence[DepthImage], method: Method) -> RenderMethod:

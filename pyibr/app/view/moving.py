@@ -24,9 +24,10 @@ from pyibr.warp.warp import warp
 Draw = Callable[[Camera], Frame]
 
 _FAST = 0.015  # seconds: things that are drawn in less are drawn exactly for a moving camera, too
+_PACE = 1 / 40  # seconds from warp to warp while an exact picture is drawn, which needs time, too
 _KEPT = 4  # exact pictures
 _NEAR = 0.03  # shift of a picture, in widths, from which the next exact picture is drawn meanwhile
-_FAR = 0.4  # shift from which the warp would show too little
+_FAR = 0.8  # shift from which the warp would show too little
 _BORDER = 0.125  # width beside an exact picture for a moving camera, in sides: what its motion will uncover
 _CUT_RATIO = 1.2  # of depths, which are rough where Gaussians intersect
 _REACH = 8  # pixels: reach of a surface's depth into its faint border
@@ -34,7 +35,7 @@ _BEYOND = 100.0  # depth of empty pixels, in greatest depths
 
 
 class WarpedFrame(Frame):
-    """A frame that was warped from an exact picture."""
+    """A frame that was warped from an exact picture. Faint borders of surface count as surface, and are valid."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class _Exact:
     @cached_property
     def beyond(self) -> float:
         """Depth far behind all surface, for pixels without any."""
-        return _BEYOND * float(self.frame.depth.max(where=self.frame.valid, initial=1e-6))
+        return _BEYOND * float(self.frame.depth[self.frame.valid].max(initial=0.0)) or _BEYOND
 
     @cached_property
     def thing(self) -> WarpedView:
@@ -79,29 +80,30 @@ class LastPictures:
     """The last exact pictures of a scene, from which pictures for a moving camera are warped.
 
     While the camera moves away from them, the next one is drawn on another thread, whose call lets the warps pass.
-
-    Parameters
-    ----------
-    fast : float
-        Seconds: if exact pictures take less, none are warped.
     """
 
-    def __init__(self, fast: float = _FAST) -> None:
-        self._fast = fast
+    def __init__(self) -> None:
         self._kept: list[_Exact] = []
         self._lock = threading.Lock()
         self._drawing: threading.Thread | None = None
+        self._warped = 0.0  # time of the last warp
 
     def draw(self, exact: Draw, camera: Camera, look: object) -> Frame:
-        """Draw an exact frame, and keep it. `look`: everything but the camera on which the picture depends."""
-        return self._drawn(exact, camera, camera, look)
+        """Draw an exact frame, and keep it. `look`: all on which the picture depends, except the camera."""
+        start = time.perf_counter()
+        frame = exact(camera)
+        self._keep(_Exact(frame, camera, look, time.perf_counter() - start))
+        return frame
 
     def draw_moving(self, exact: Draw, camera: Camera, look: object) -> Frame:
         """Warp a kept picture of the same look, as a `WarpedFrame`; draw an exact frame if none shows enough."""
+        if self._drawing is not None:
+            self._drawing.join(max(self._warped + _PACE - time.monotonic(), 0.0))
+        self._warped = time.monotonic()
         known = [(one.shift(camera), number, one) for number, one in enumerate(self._kept) if one.look == look]
         shift, _, last = min(known, default=(math.inf, 0, None))
-        if last is None or shift > _FAR or last.seconds < self._fast:
-            return self._drawn(exact, camera, camera, look)
+        if last is None or shift > _FAR or last.seconds < _FAST:
+            return self.draw(exact, camera, look)
         if shift > _NEAR or last.camera.width < camera.width:
             self._begin(exact, camera, look)
         frame = warp(last.thing, camera)
@@ -109,26 +111,24 @@ class LastPictures:
         frame.depth[empty], frame.valid[empty] = np.nan, False
         return WarpedFrame(frame.color, frame.depth, frame.valid, camera)
 
-    def _drawn(self, exact: Draw, camera: Camera, page: Camera, look: object) -> Frame:
-        """Draw an exact frame and keep it; `camera` is the page's or a wider one."""
-        start = time.perf_counter()
-        frame = exact(camera)
-        made = _Exact(frame, page, look, time.perf_counter() - start)
-        with self._lock:
-            self._kept = [made, *self._kept[: _KEPT - 1]]
-        return frame
-
     def _begin(self, exact: Draw, camera: Camera, look: object) -> None:
         """Begin to draw an exact picture on another thread, unless one is being drawn."""
         if self._drawing is not None and self._drawing.is_alive():
             return
 
         def draw() -> None:
+            start = time.perf_counter()
             with suppress(Error):  # the page tells of it when the camera rests
-                self._drawn(exact, _wider(camera), camera, look)
+                made = _Exact(exact(_wider(camera)), camera, look, time.perf_counter() - start)
+                warp(made.thing, camera.resized((1, 1)))  # prepares the surface
+                self._keep(made)
 
         self._drawing = threading.Thread(target=contextvars.copy_context().run, args=(draw,))
         self._drawing.start()
+
+    def _keep(self, made: _Exact) -> None:
+        with self._lock:
+            self._kept = [made, *self._kept[: _KEPT - 1]]
 
 
 def _wider(camera: Camera) -> Camera:

@@ -14,7 +14,8 @@ import numpy as np
 from pyibr.app.live.page_space import fov_of
 from pyibr.app.live.pages import Pages
 from pyibr.app.live.panel import Panel, told, uploaded
-from pyibr.app.live.stream import Picture, SentPicture, Stream
+from pyibr.app.live.resolution import Resolution
+from pyibr.app.live.stream import MOVING, Picture, SentPicture, Stream
 from pyibr.app.view.controls import LABELS, Controls
 from pyibr.app.view.overlays import legend, view_color
 from pyibr.app.view.painting import kernel_seconds, paint
@@ -53,6 +54,7 @@ class ViewPage:
             self._add_camera_controls()
             self._add_path_controls()
         self.stream = Stream(client, pages.renderer, scene.page_space, self._paint, self._tell, self._tell_error)
+        self.stream.resolution = Resolution(MOVING, max(one.coarsest for one in scene.methods.values()))
         self._show_frusta()
         self.stream.follow()
 
