@@ -29,6 +29,7 @@ MODULES = {
     "relief": "relief.relief",
     "displaced": "displaced",
     "depthmesh": "depthmesh.depthmesh",
+    "gaussians": "gaussians.gaussians",
     "runtimes": "runtimes.runtimes",
     "pages": "app.pages",
     "startup": "startup",

@@ -46,6 +46,9 @@ class Plan:
     depthmesh_moving: int  # turns
     simplification: Mapping[str, int]  # turns by surface
     decimation: Mapping[str, int]
+    gaussians: Mapping[int, int]  # number of pictures by number of Gaussians
+    gaussians_size: Size
+    gaussians_peer: int  # number of pictures
     rgbd_scene: str
     rgbd: Mapping[Size, int]
     rgbd_noise: tuple[float, ...]  # pixels of disparity
@@ -112,6 +115,9 @@ FULL = Plan(
     depthmesh_moving=5,
     simplification={"fuji": 41, "dragon, filled": 21},
     decimation={"fuji": 1, "dragon": 3},
+    gaussians={200_000: 12, 500_000: 12, 1_000_000: 12},
+    gaussians_size=(640, 480),
+    gaussians_peer=2,
     rgbd_scene=LIVINGROOM,
     rgbd={(640, 480): 21, (1280, 720): 11, (1920, 1440): 7, (3840, 2160): 3},
     rgbd_noise=(0.0, 0.1, 0.3),
@@ -187,6 +193,9 @@ QUICK = Plan(
     depthmesh_moving=1,
     simplification={"relief": 1},
     decimation={"relief": 1},
+    gaussians={2_000: 2},
+    gaussians_size=(160, 120),
+    gaussians_peer=1,
     rgbd_scene=ROOM,
     rgbd={(64, 48): 1, (96, 54): 1},
     rgbd_noise=(0.0, 0.3),

@@ -9,6 +9,7 @@ from benchmarks.app.pages_section import pages_section
 from benchmarks.cleaning.cleaning_section import cleaning_section
 from benchmarks.depthmesh.depthmesh_section import depthmesh_section
 from benchmarks.displaced_section import displaced_section
+from benchmarks.gaussians.gaussians_section import gaussians_section
 from benchmarks.gpu.gpu_section import card_section, gpu_section
 from benchmarks.relief.relief_section import relief_section
 from benchmarks.results import Parameter, Result
@@ -255,6 +256,7 @@ SECTIONS = {
     "relief": relief_section,
     "displaced": displaced_section,
     "depthmesh": depthmesh_section,
+    "gaussians": gaussians_section,
     "runtimes": runtimes_section,
     "pages": pages_section,
     "startup": startup_section,

@@ -11,6 +11,7 @@ mpl.use("Agg")
 
 import depthcameras
 import depthmeshes
+import gaussians
 import matplotlib.pyplot as plt
 import numpy as np
 import quadtrees
@@ -91,6 +92,13 @@ if __name__ == "__main__":
     save("paper-slicing-one.jpg", slices.one_slice(), 80)
     save("depth-object.png", depth_object(), 90)
     save("relight.jpg", relight(), 80)
+    save("gaussians.jpg", gaussians.together(), 80)
+    save("gaussians-made-of.jpg", gaussians.made_of(), 80)
+    ibr.write_color(IMAGES / "choose-gaussians.jpg", gaussians.choice())
+    if biker := os.environ.get("PYIBR_BIKER"):  # path of a file of the scene
+        save("gaussians-biker.jpg", gaussians.biker(ibr.Gaussians.load(biker)), 80)
+    else:
+        print(f"{IMAGES / 'gaussians-biker.jpg'} is not redrawn: PYIBR_BIKER names no file of the scene")
     save("depth-camera.jpg", depthcameras.steps(), 80)
     save("own-system.jpg", splats(), 100)
     save("relief-silhouettes.jpg", reliefs.silhouettes(), 80)

@@ -20,6 +20,15 @@ LENSES += [("kannala_brandt", 4), ("tilted", 14)]
 SCALES = (1e-30, 1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9, 1e12, 1e30)
 STRANGE_DEPTHS = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-30, 1e-6, 1e6, 1e10, 1e30, 3.4e38)
 
+EXTREMES: dict[str, tuple[float, ...]] = {
+    "means": (0, 1e-30, 1e9, -1e9, 2, 3),
+    "scales": (0, 1e-30, 1e-6, 1e3, 1e9),
+    "rotations": (0, 1, -1, 1e-300, 1e300),
+    "opacities": (0, 1e-45, 1 / 255, 0.5, 0.99, 1),
+    "sh": (0, 1e-30, 1e9, -1e9, 5),
+}
+"""Least, largest and special values of Gaussians."""
+
 
 @dataclass
 class Call:
@@ -347,8 +356,38 @@ def random_depth_mesh(chance: Chance, scale: float, floats: bool) -> Any:
     )
 
 
+def random_gaussians(chance: Chance, scale: float) -> Any:
+    """A small cloud in front of the camera; sometimes with the least and largest values, or with equal Gaussians."""
+    rng, count = chance.rng, chance.one([1, 2, 15, 16, 17, 100])
+    degree = chance.up_to(3, 0)
+    arrays = {
+        "means": scale * rng.normal((0, 0, 3), chance.one([0, 0.3, 1, 30]), (count, 3)),
+        "scales": scale * np.exp(rng.normal(np.log(chance.one([0.01, 0.1, 1])), chance.one([0.1, 1, 4]), (count, 3))),
+        "rotations": rng.normal(0, 1, (count, 4)),
+        "opacities": rng.beta(1.2, 0.8, count),
+        "sh": rng.normal(0, 0.5, (count, (degree + 1) ** 2, 3)),
+    }
+    for name, values in arrays.items():
+        if chance(0.2):
+            some = rng.random(values.shape) < chance.one([0.05, 0.5, 1.0])
+            values[some] = rng.choice(EXTREMES[name], some.sum())
+    if chance(0.2):
+        arrays = {name: values[rng.integers(0, count, 40)] for name, values in arrays.items()}
+    if chance(0.2):
+        arrays["colors"] = random_colors(chance, (len(arrays.pop("sh")),), chance(0.5))
+    given = {name: chance.mostly(values) for name, values in arrays.items()}
+    return ibr.Gaussians(
+        **given,
+        low_pass=chance.mostly(chance.one([0.3, 0.3, 0, 1e-30, 1e6])),
+        antialiased=chance.mostly(chance(0.3)),
+        near=chance.mostly(chance.one([0.2 * scale, 0.2, 1e-6, 1e9])),
+    )
+
+
 def random_thing(chance: Chance, scale: float, floats: bool) -> Any:
-    kind = chance.up_to(6)
+    kind = chance.up_to(7)
+    if kind == 7:
+        return random_gaussians(chance, scale)
     if kind == 1:
         view = random_view(chance, scale, floats)
         if chance(0.4):
@@ -399,7 +438,9 @@ def random_render(seed: int) -> Call:
     light = random_light(chance, scale)
     given = chance.mostly(things if len(things) > 1 or chance(0.5) else things[0])
     filled = [thing.fill for thing in things if isinstance(thing, ibr.WarpedView) and thing.fill is not None]
-    return Call(lambda: ibr.render(given, camera, light, **options), {**options, "fill": filled or None})
+    blended = any(isinstance(thing, ibr.Gaussians) for thing in things)
+    known = {**options, "fill": filled or None, "blended": blended}
+    return Call(lambda: ibr.render(given, camera, light, **options), known)
 
 
 def random_register(seed: int) -> Call:

@@ -113,11 +113,13 @@ def checked(frame: ibr.Frame, options: dict[str, Any]) -> list[np.ndarray]:
     if options.get("fill") is None:
         must(bool((told == valid).all()), "depth at invalid pixels, or none at valid ones")
         if not np.any(options.get("background", 0)):
-            must(not color[~valid].any(), "colour at invalid pixels")
+            bare = ~valid if frame.alpha is None else frame.alpha == 0
+            must(not color[bare].any(), "colour at invalid pixels")
     if frame.alpha is not None:
         alpha = frame.alpha
         must(alpha.shape == shape and bool(((alpha >= 0) & (alpha <= 1)).all()), "shape or values of alpha")
-        must(bool(((alpha > 0) == valid).all()), "alpha > 0 differs from valid")
+        must(bool((alpha[valid] > 0).all()), "valid pixels without alpha")
+        must(bool(options.get("blended") or not alpha[~valid].any()), "alpha at invalid pixels")
     if frame.guessed is not None:
         must(frame.guessed.shape == shape and frame.guessed.dtype == np.bool_, "shape or dtype of guessed")
         must(not (frame.guessed & ~valid).any(), "guessed pixels that are invalid")

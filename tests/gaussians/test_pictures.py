@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from benchmarks.gaussians.twin import axes_of, blended
 from pyibr.core.undistortion import rays_of
 from pyibr.drawing import copy, upload
 from tests import scenes
 from tests.exact import same_bits
 from tests.gaussians.clouds import camera, cloud, like, shuffled
 from tests.gaussians.test_reference import check
-from tests.reference.gaussians import axes_of, blended
 
 
 def wall(z: float, slope: float = 0.0) -> ibr.Mesh:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pyibr as ibr
+from benchmarks.gaussians.twin import blended
 from tests.gaussians.clouds import camera, cloud, like, shuffled
 from tests.one_lane import both_forms
-from tests.reference.gaussians import blended
 
 
 def check(frame: ibr.Frame, expected: tuple[np.ndarray, ...], left_out: np.ndarray | None = None) -> None:

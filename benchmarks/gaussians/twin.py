@@ -71,11 +71,16 @@ def projected(cloud: ibr.Gaussians, camera: ibr.Camera) -> list[tuple[float, ...
 
 
 def blended(
-    clouds: Sequence[ibr.Gaussians], camera: ibr.Camera, surface: Float64 | None = None, behind: Float64 | None = None
+    clouds: Sequence[ibr.Gaussians],
+    camera: ibr.Camera,
+    surface: Float64 | None = None,
+    behind: Float64 | None = None,
+    planes: bool = True,
 ) -> tuple[Float64, Float64, Float64]:
     """Colour (H, W, 3) from 0 to 1, alpha and depth (H, W) of a picture.
 
-    surface: depth of what is opaque, NaN where there is nothing; behind: its colours, from 0 to 1.
+    surface: depth of what is opaque, NaN where there is nothing; behind: its colours, from 0 to 1;
+    planes: whether depth is that of the Gaussians' planes, not of their centres.
     """
     shape = camera.height, camera.width
     depth = np.full(shape, np.nan) if surface is None else surface.astype(np.float64)
@@ -93,7 +98,7 @@ def blended(
         part = np.s_[y0 : y1 + 1, x0 : x1 + 1]
         dx, dy = np.arange(x0, x1 + 1) - u, (np.arange(y0, y1 + 1) - v)[:, None]
         power = 0.5 * (vv * dx**2 - 2 * uv * dx * dy + uu * dy**2) / (uu * vv - uv**2)
-        plane = np.clip(nearness + gx * dx + gy * dy, least, most)
+        plane = np.clip(nearness + planes * (gx * dx + gy * dy), least, most)
         a, before = opacity * np.exp(-power), left[part]
         a = np.where((a > 1 / 255) & (before > 1e-4) & (plane > limit[part]), np.minimum(a, 0.99), 0)
         after = before * (1 - a)
