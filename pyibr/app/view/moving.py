@@ -68,7 +68,7 @@ class _Exact:
         return WarpedView(view, cut_ratio=_CUT_RATIO, fill="background")
 
     def shift(self, camera: Camera) -> float:
-        """How far the picture's content is from its place in another camera's picture, in picture widths."""
+        """Shift of the picture's content in another camera's picture, in picture widths."""
         one, other = self.camera, camera
         focal = other.K[0, 0] / other.width
         angle = np.linalg.norm(rvec_from_rotation(one.world_from_camera[:3, :3].T @ other.world_from_camera[:3, :3]))
