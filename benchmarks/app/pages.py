@@ -21,6 +21,7 @@ import numpy as np
 
 import pyibr as ibr
 from benchmarks.cases import Plan
+from benchmarks.gaussians.clouds import cloud, path
 from benchmarks.results import Parameter, Record, Skip
 from benchmarks.runner import Case, Work
 from benchmarks.scenes import LIVINGROOM, ROOM, bricks, data_folder, rgbd
@@ -31,7 +32,8 @@ from pyibr.capture import MeshScene, models, object_views
 from tools.browser import CHROMIUM, PANEL, chromium
 
 RECEIVES, DRAWS = "receives", "Chromium draws"
-RATES = {"depth image": 30.0, "relief torus": 20.0, "depth object": 20.0}
+CLOUD = "room of Gaussians"
+RATES = {"depth image": 30.0, "relief torus": 20.0, "depth object": 20.0, CLOUD: 30.0}
 """Required pictures a second for the receive-only client while the camera moves."""
 DRAWN_RATE = 12.0
 """Required pictures a second that Chromium draws on the same processor."""
@@ -61,13 +63,15 @@ def _prepare(name: str, client: str, plan: Plan) -> Work | Skip:
     thing = _thing(name, plan)
     if isinstance(thing, Skip):
         return thing
-    scene = scene_of(thing, None, None if name.startswith("depth image") else (0, 0, 1))
+    up = None if name.startswith("depth image") or name == CLOUD else (0, 0, 1)
+    camera = path("room", plan.pages_size, 1)[0] if name == CLOUD else None
+    scene = scene_of(thing, camera, up)
     watch = _received if client == RECEIVES else _drawn
     parameters: dict[str, Parameter] = {"client": client, "width": plan.pages_size[0], "height": plan.pages_size[1]}
 
     def read() -> Iterator[Record]:
         waiting: list[int] = []
-        with ibr.view(thing, up=scene.up, port=0) as pages:
+        with ibr.view(thing, camera, up=scene.up, port=0) as pages:
             ended = threading.Event()
             watcher = threading.Thread(target=_count, args=(pages, waiting, ended, name == SLOW), daemon=True)
             watcher.start()
@@ -92,6 +96,8 @@ def _missing(client: str) -> str:
 
 
 def _thing(name: str, plan: Plan) -> Any:
+    if name == CLOUD:
+        return cloud("room", max(plan.gaussians), 0)
     if name == "relief torus":
         height, color = bricks()
         return ibr.ReliefSurface(models.donut(48), height, color, 0.06, tiles=(10, 4))

@@ -19,6 +19,8 @@ class Resolution:
     ----------
     seconds : float
         Allowed time of a frame.
+    least : float
+        Least scale, up to 1, even if frames take longer.
 
     Examples
     --------
@@ -29,8 +31,9 @@ class Resolution:
     0.25
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, least: float = 0.0) -> None:
         self.seconds = seconds
+        self._steps = [step for step in _STEPS if step >= least]
         self.scale = 1.0
         self.reset()
 
@@ -46,12 +49,12 @@ class Resolution:
         self._sums = [_MEMORY * old + one for old, one in zip(self._sums, new, strict=True)]
         fixed, per_share = self._fitted()
         allowed = max(self.seconds, _WORTH * fixed)
-        for step in _STEPS:
+        for step in self._steps:
             budget = (allowed - fixed) * (_UPWARDS if step > self.scale else 1.0)
             if per_share * step**2 <= budget:
                 self.scale = step
                 return
-        self.scale = _STEPS[-1]
+        self.scale = self._steps[-1]
 
     def _fitted(self) -> tuple[float, float]:
         """Fit a and b, both at least 0."""

@@ -50,8 +50,8 @@ class SentPicture:
 class Stream:
     """Draws the view of a client's camera as the background of the page.
 
-    `paint` makes the picture of a camera. `shown` is called after each picture, `failed` instead if drawing fails. All
-    are called on the renderer's thread.
+    `paint` makes the picture of a camera; its second argument tells whether the camera rests. `shown` is called after
+    each picture, `failed` instead if drawing fails. All are called on the renderer's thread.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Stream:
         client: ClientHandle,
         renderer: Renderer[Request, Picture],
         page_space: PageSpace,
-        paint: Callable[[Camera], Picture],
+        paint: Callable[[Camera, bool], Picture],
         shown: Callable[[SentPicture], None],
         failed: Callable[[Exception], None],
     ) -> None:
@@ -117,7 +117,7 @@ class Stream:
     def draw(self, camera: Camera, full: bool) -> Picture:
         """Draw the picture of a camera; at reduced resolution to keep up, unless `full`."""
         self._started = time.perf_counter()
-        return self.paint(camera if full else camera.resized(self.resolution.size(camera.size)))
+        return self.paint(camera if full else camera.resized(self.resolution.size(camera.size)), full)
 
     def deliver(self, full: bool, picture: Picture) -> None:
         """Send the picture that `draw` has just made."""

@@ -353,7 +353,7 @@ class BrowserPage:
         self._shared.browsers.discard(self)
         self.stream.leave()
 
-    def _paint(self, camera: Camera) -> Picture:
+    def _paint(self, camera: Camera, rests: bool) -> Picture:
         full = self.stream.camera or camera
         return self._shared.picture(camera, full.size)
 

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, cast
 
 import numpy as np
 
+from pyibr.app.view.moving import LastPictures
 from pyibr.app.view.parameters import Parameter, Value, parameters_of, with_parameters
 from pyibr.core.camera import Camera
 from pyibr.core.checks import describe
 from pyibr.core.errors import ArgumentError
 from pyibr.depthmesh import DepthMeshObject
+from pyibr.gaussians import Gaussians
 from pyibr.images import DepthImage, Frame
 from pyibr.picture.drawable import as_drawable, color_dtype_of
 from pyibr.picture.light import Light
@@ -30,6 +32,7 @@ from pyibr.warp.warp import warp
 Layout = Literal["one", "swipe", "side by side", "difference"]
 Show = Literal["color", "depth", "classes", "view"]
 
+_COARSEST = 0.5  # scale below which a warp takes little less time, and shows little
 _CACHED_MAX = 4  # sets of parameter values whose things stay on the device
 
 
@@ -48,6 +51,12 @@ class Style:
     parameters: tuple[tuple[str, Value], ...] = ()  # values to set in the things, by name
     samples: int = 1  # and anisotropy: as for `pyibr.render`
     anisotropy: int = 1
+    moving: bool = False  # whether the camera moves: pictures may be warped from exact ones
+
+    @property
+    def look(self) -> Style:
+        """The settings on which a method's frame depends, others at their defaults."""
+        return replace(self, method="", other=None, layout="one", swipe=0.5, gain=4.0, show="color", moving=False)
 
 
 Draw = Callable[[Sequence[Any], Camera, Style], Frame]
@@ -60,6 +69,7 @@ class RenderMethod:
     make: Callable[[], Sequence[Any]]  # makes the things to draw, on first use
     how: Draw
     explains: bool = False  # whether its frames hold the class and the source view of each pixel
+    coarsest: float = 0.0  # least scale of its pictures while the camera moves
     fixed: tuple[str, ...] = ()  # options of the things that define this method and are therefore not parameters
 
     @cached_property
@@ -118,7 +128,15 @@ def _methods_of_views(views: Sequence[DepthImage]) -> dict[str, RenderMethod]:
 
 
 def _rendered(things: Sequence[Thing]) -> RenderMethod:
-    return RenderMethod(lambda: things, _render)
+    if not any(isinstance(thing, Gaussians) for thing in things):
+        return RenderMethod(lambda: things, _render)
+    last = LastPictures()
+
+    def draw(things: Sequence[Thing], camera: Camera, style: Style) -> Frame:
+        exact = last.draw_moving if style.moving else last.draw
+        return exact(lambda camera: _render(things, camera, style), camera, style.look)
+
+    return RenderMethod(lambda: things, draw, coarsest=_COARSEST)
 
 
 def _warped(views: Sequence[DepthImage], method: Method) -> RenderMethod:

@@ -6,6 +6,7 @@ import json
 import math
 import threading
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import numpy as np
 from pyibr.app.live.page_space import fov_of
 from pyibr.app.live.pages import Pages
 from pyibr.app.live.panel import Panel, told, uploaded
-from pyibr.app.live.stream import Picture, SentPicture, Stream
+from pyibr.app.live.resolution import Resolution
+from pyibr.app.live.stream import MOVING, Picture, SentPicture, Stream
 from pyibr.app.view.controls import LABELS, Controls
 from pyibr.app.view.overlays import legend, view_color
 from pyibr.app.view.painting import kernel_seconds, paint
@@ -52,6 +54,7 @@ class ViewPage:
             self._add_camera_controls()
             self._add_path_controls()
         self.stream = Stream(client, pages.renderer, scene.page_space, self._paint, self._tell, self._tell_error)
+        self.stream.resolution = Resolution(MOVING, max(one.coarsest for one in scene.methods.values()))
         self._show_frusta()
         self.stream.follow()
 
@@ -62,10 +65,10 @@ class ViewPage:
 
     # ---- pictures
 
-    def _paint(self, camera: Camera) -> Picture:
+    def _paint(self, camera: Camera, rests: bool) -> Picture:
         self._hide_frusta_at(camera)
         with telling_builds(self.panel.say):
-            return paint(self.scene.methods, camera, self.controls.style())
+            return paint(self.scene.methods, camera, replace(self.controls.style(), moving=not rests))
 
     def _changed(self) -> None:
         self._show_frusta()

@@ -11,6 +11,7 @@ import numpy as np
 
 from pyibr.app.live.stream import Picture
 from pyibr.app.view.methods import RenderMethod, Style
+from pyibr.app.view.moving import WarpedFrame
 from pyibr.app.view.overlays import class_colors, difference, view_colors
 from pyibr.core.camera import Camera
 from pyibr.core.errors import ArgumentError
@@ -47,7 +48,8 @@ def paint(methods: Mapping[str, RenderMethod], camera: Camera, style: Style) -> 
     watch = _Stopwatch()
     if style.other is None or style.layout == "one":
         frame = _drawn(methods, camera, style, style.method, watch)
-        return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages)
+        note = "Warped from the last exact picture" if isinstance(frame, WarpedFrame) else ""
+        return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages, note)
     if style.layout == "side by side":
         return _beside(methods, camera, style, watch)
     one, other = (_drawn(methods, camera, style, name, watch) for name in (style.method, style.other))

@@ -51,3 +51,12 @@ def test_it_comes_back_once_frames_are_fast():
 def test_sizes_have_at_least_a_pixel():
     resolution = settled(0, 9.0)
     assert resolution.size((640, 480)) == (80, 60) and resolution.size((3, 1)) == (1, 1)
+
+
+def test_it_does_not_fall_below_the_least_scale():
+    resolution = Resolution(1 / 30, least=0.5)
+    scales = set()
+    for _ in range(20):
+        resolution.took(2.0 * resolution.scale**2)
+        scales.add(resolution.scale)
+    assert min(scales) == 0.5
