@@ -79,7 +79,7 @@ def counted(camera: ibr.Camera) -> NDArray[np.bool_]:
     """Pixels of the disk at least `BAND` pixels from its outline."""
     inside = np.pad(rendered(camera)[0][..., 2] < 0, BAND)  # the disk alone has little blue
     views = np.lib.stride_tricks.sliding_window_view(inside, (2 * BAND + 1, 2 * BAND + 1))
-    return views.all(axis=(2, 3))
+    return np.asarray(views.all(axis=(2, 3)))
 
 
 def leaks(picture: NDArray[np.float32], seen: NDArray[np.bool_], camera: ibr.Camera) -> int:

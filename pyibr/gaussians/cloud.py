@@ -191,11 +191,12 @@ class Gaussians(Immutable):
     @cached_property
     def _bounds(self) -> tuple[Float64, Float64]:
         reach = _REACH * self.scales.max(axis=1, keepdims=True).astype(np.float64)
-        ends = np.sort(self.means - reach, axis=0), np.sort(self.means + reach, axis=0)
+        lows: Float64 = np.sort(self.means - reach, axis=0)
+        highs: Float64 = np.sort(self.means + reach, axis=0)
         strays = int(_STRAY * len(self))
-        low, high = ends[0][strays], ends[1][len(self) - 1 - strays]
-        lowest, highest, far = ends[0][0], ends[1][-1], _ASTRAY * (high - low)
-        return np.where(low - lowest > far, low, lowest), np.where(highest - high > far, high, highest)
+        low, high = lows[strays], highs[-1 - strays]
+        far = _ASTRAY * (high - low)
+        return np.where(low - lows[0] > far, low, lows[0]), np.where(highs[-1] - high > far, high, highs[-1])
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw nothing: Gaussians are not opaque, and are blended after all opaque things."""
