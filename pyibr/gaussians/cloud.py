@@ -196,7 +196,7 @@ class Gaussians(Immutable):
         strays = int(_STRAY * len(self))
         low, high = lows[strays], highs[-1 - strays]
         far = _ASTRAY * (high - low)
-        return np.where(low - lows[0] > far, low, lows[0]), np.where(highs[-1] - high > far, high, highs[-1])
+        return _farther(low, lows[0], far), _farther(high, highs[-1], far)
 
     def draw(self, target: Target, lighting: Lighting | None) -> None:
         """Draw nothing: Gaussians are not opaque, and are blended after all opaque things."""
@@ -231,6 +231,11 @@ class Gaussians(Immutable):
         chosen = order[tied]
         order[tied] = chosen[np.lexsort([column[chosen] for column in (*reversed(self._columns), codes)])]
         return order
+
+
+def _farther(end: Float64, farthest: Float64, far: Float64) -> Float64:
+    """The farthest Gaussians' end of a box, where it is not too far from the others' end."""
+    return np.asarray(np.where(np.abs(farthest - end) > far, end, farthest))
 
 
 def _unit(quaternions: Float64) -> Float32:
