@@ -20,7 +20,8 @@ def view(things: object, camera: Camera | None = None, *, up: ArrayLike | None =
 
     Only this machine can open the page. Its controls select the method, the drawing of depth images, the light and the
     constructor arguments of the things. Two methods can be compared. While the camera moves, the resolution is reduced
-    as needed; 0.2 s after the camera rests, it is full.
+    as needed; 0.2 s after the camera rests, it is full. Scenes with `Gaussians` are then drawn exactly, and warped from
+    the last exact pictures while the camera moves.
 
     Parameters
     ----------
