@@ -248,12 +248,16 @@ class DepthImage(Immutable, Pictured):
     def surface_bounds(self) -> tuple[Float64, Float64]:
         """(low, high), each (3,): the box around the surface, which extends to the edges of the samples' pixels."""
         low, high = self.bounds
-        beyond = self._beyond
-        return np.min([low, *beyond], axis=0), np.max([high, *beyond], axis=0)
+        beyond = self._beyond(low, high)
+        return np.minimum(low, beyond.min(axis=0, initial=np.inf)), np.maximum(
+            high, beyond.max(axis=0, initial=-np.inf)
+        )
 
-    @property
-    def _beyond(self) -> Float64:
-        """(N, 3) float64: surface points at the pixel edges of samples next to the border, to holes and to steps."""
+    def _beyond(self, low: Float64, high: Float64) -> Float64:
+        """(N, 3) float64: surface points at the pixel edges of samples next to the border, to holes and to steps.
+
+        Samples whose pixels lie inside the box from `low` to `high` are left out.
+        """
         if self.camera.lens is not None:
             return np.empty((0, 3))
         perspective = self.camera.projection == "perspective"
@@ -271,6 +275,9 @@ class DepthImage(Immutable, Pictured):
             straight = np.clip(-change[-dx, -dy][y, x], -np.abs(here), np.abs(here))  # extrapolated
             ways = [np.nan_to_num(by[y, x]) / 2, np.nan_to_num(straight) / 2, np.zeros(len(here))]
             rises[dx, dy] = [np.min(ways, axis=0), np.max(ways, axis=0)]
+        reaches = self._may_leave(low, high, np.column_stack([x, y]).astype(np.float64), here, rises)
+        x, y, here = x[reaches], y[reaches], here[reaches]
+        rises = {side: [rise[reaches] for rise in both] for side, both in rises.items()}
         pixels, depths = list[Float64](), list[Float64]()
         for (dx, dy), which in itertools.product(itertools.product((-1, 1), repeat=2), (0, 1)):
             reach = here + rises[dx, 0][which] + rises[0, dy][which]
@@ -280,6 +287,24 @@ class DepthImage(Immutable, Pictured):
                 depths.append(1 / reach if perspective else -reach)
         points = self.camera.unproject(np.concatenate(pixels), np.concatenate(depths))
         return points[np.isfinite(points).all(axis=1)]
+
+    def _may_leave(
+        self, low: Float64, high: Float64, pixels: Float64, near: Float64, rises: dict[tuple[int, int], list[Float64]]
+    ) -> NDArray[np.bool_]:
+        """Tell which samples' pixels may leave a box, by a limit of their size."""
+        sizes = {side: np.abs(both).max(axis=0) for side, both in rises.items()}
+        rise = np.maximum(sizes[1, 0], sizes[-1, 0]) + np.maximum(sizes[0, 1], sizes[0, -1])
+        to_camera, (width, height) = np.linalg.inv(self.camera.K), self.camera.size
+        half = 0.5 * np.abs(to_camera[:2, :2]).sum()
+        if self.camera.projection == "perspective":
+            corners = np.array([[x, y, 1] for x in (0, width) for y in (0, height)])
+            longest = np.linalg.norm(corners @ to_camera.T, axis=1).max()
+            depth, farthest = 1 / near, 1 / np.maximum(near - rise, _LEAST_NEAR * near)
+            reach = longest * (farthest - depth) + half * farthest
+        else:
+            depth, reach = -near, rise + half
+        points = self.camera.unproject(pixels, depth)
+        return np.asarray(((points - reach[:, None] <= low) | (points + reach[:, None] >= high)).any(axis=1))
 
     def bounds_of(self, which: NDArray[np.bool_], axes: Float64 | None = None) -> tuple[Float64, Float64]:
         """(low, high), each (3,): the box around the samples selected by `which`, (H, W) bool, all of them valid.

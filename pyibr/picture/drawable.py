@@ -123,7 +123,12 @@ def as_drawable(thing: object) -> Drawable:
     ArgumentError
         If no drawable is registered for the thing.
     """
-    if isinstance(thing, Drawable) and not isinstance(thing, type):  # a class itself has these members, too
-        return thing
+    # A class itself has these members, too. Before Python 3.12, `isinstance` of a protocol computes properties.
+    if not isinstance(thing, type) and _has(thing, "bounds") and _has(thing, "draw"):
+        return cast("Drawable", thing)
     known = ", ".join(sorted(kind.__name__ for kind in as_drawable.registry if kind is not object))
     raise ArgumentError("things", f"things that draw themselves (`pyibr.Drawable`), or {known}", describe(thing))
+
+
+def _has(thing: object, name: str) -> bool:
+    return inspect.getattr_static(thing, name, None) is not None

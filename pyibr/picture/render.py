@@ -95,7 +95,7 @@ def render(
     dtype = color_dtype_of(drawables)
     around = _checked_background(background, dtype)
     with one_call():
-        bounds = [_bounds_of(one) for one in drawables]
+        bounds = [_bounds_of(one) for one in drawables] if light else []  # which may take longer than the picture
         blended = [one for one in drawables if hasattr(one, "blend_together")]
 
         def draw_for_light(target: Target) -> None:
