@@ -9,26 +9,25 @@ come last in memory. Only a call with a PyTorch tensor imports torch.
 from __future__ import annotations
 
 import functools
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.checks import describe, shape_text
+from pyibr.core.checks import Float64, describe, numbers, shape_text
 from pyibr.core.errors import ArgumentError
 from pyibr.images import DepthImage, Frame
 from pyibr.images.converters import depth_from_euclidean
-from pyibr.warp.warp import checked_cameras, warp_transposed
-from pyibr.warp.warp import warp as warp_views
+from pyibr.images.depth_image import Side, checked_features
+from pyibr.picture.undistort import Interpolation
+from pyibr.warp.view import Edges, WarpedView
+from pyibr.warp.warp import checked_cameras, warp_transposed, warped_frames
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-    from pyibr.warp.view import WarpOptions
 
 Array = NDArray[Any]
 Targets = Camera | Sequence[Camera] | Sequence[Sequence[Camera]]
@@ -36,8 +35,21 @@ Targets = Camera | Sequence[Camera] | Sequence[Sequence[Camera]]
 _FARTHEST = 1e4  # `forward_warp` limits depths to this, as the function that it replaces
 
 
+class TensorOptions(TypedDict, total=False):
+    """Options of `warp` and `forward_warp`, as in `pyibr.WarpedView`."""
+
+    interpolation: Interpolation
+    edges: Edges
+    cut_ratio: float | None
+    side: Side
+    thin: bool
+
+
+_OPTIONS = TensorOptions.__annotations__.keys()
+
+
 class Warped(NamedTuple):
-    """A warped batch; the second axis, of the targets, is missing if there is one target.
+    """A warped batch. If `cameras` was a `Camera`, the second axis, N, is missing.
 
     Attributes
     ----------
@@ -55,19 +67,20 @@ class Warped(NamedTuple):
 
 
 def warp(
-    tensor: Any, depth: Any, source: Camera | Sequence[Camera], cameras: Targets, **options: Unpack[WarpOptions]
+    tensor: Any, depth: Any, source: Camera | Sequence[Camera], cameras: Targets, **options: Unpack[TensorOptions]
 ) -> Warped:
     """Render a batch of images with depth from new cameras.
 
     An item's result does not depend on the other items. The gradient of PyTorch reaches `tensor`, in which the warp is
-    linear: it is the transposed map, with the same weights, and equal bits in each run. `depth` and the cameras get no
-    gradient. Frames are drawn one after the other, so that there is memory for the results and one frame.
+    linear: it is the transposed map, with the same weights, and equal bits in each run. It has no gradient of its own.
+    `depth` and the cameras get no gradient. Frames are drawn one after the other: memory for the results and one frame
+    suffices.
 
     Parameters
     ----------
     tensor : (B, C, h, w) tensor
-        Values of the samples, such as colours, features or labels: 1 to 1,024 channels of uint8, float16, bfloat16,
-        float32 or float64 (computed as float32).
+        Values of the samples, such as colours, features or labels: 1 to 1,024 channels of bool, uint8, float16,
+        bfloat16, float32 or float64 (computed as float32).
     depth : (B, h, w) or (B, 1, h, w) tensor
         Planar z in scene units, as for `DepthImage`: infinite in empty space, NaN or <= 0 where unknown.
     source : Camera, or sequence of B cameras
@@ -113,7 +126,7 @@ def forward_warp(
     is_image: bool = True,
     is_depth: bool = True,
     render_depth: bool = False,
-    **options: Unpack[WarpOptions],
+    **options: Unpack[TensorOptions],
 ) -> tuple[Any, Any, Any, Any]:
     """Warp a batch with the arguments of the splatting function that video models share, but with visibility.
 
@@ -128,7 +141,7 @@ def forward_warp(
     mask1 : (B, 1, h, w) tensor, or None
         0 for samples without a surface.
     depth1 : (B, 1, h, w) tensor
-        Planar z, or with ``is_depth=False`` the distance to the camera's centre. NaN means 10,000, the greatest depth.
+        Planar z, or with ``is_depth=False`` the distance to the camera's centre. NaN and greater depths become 10,000.
     transformation1, transformation2 : (B, 4, 4) tensors
         From the world to the camera (OpenCV's axes), of the samples and of the new views.
     intrinsic1 : (B, 3, 3) tensor
@@ -180,26 +193,37 @@ def forward_warp(
     ]
     for name, value, shape in given:
         _shape_of(name, value, shape)
-    pose1, pose2, K1, K2 = (_array_of(name, value) for name, value, _ in given[1:])
-    cameras, targets = _cameras_of(K1, pose1, (width, height)), _cameras_of(K2, pose2, (width, height))
-    depths = np.nan_to_num(_array_of("depth1", depth1)[:, 0].astype(np.float32), nan=_FARTHEST, posinf=_FARTHEST)
-    np.clip(depths, 0, _FARTHEST, out=depths)
+    depths, pose1, pose2, K1, K2 = (
+        numbers(name, _array_of(name, value), None, finite=False) for name, value, _ in given
+    )
+    cameras = [_camera_of(1, *both, (width, height)) for both in zip(K1, pose1, strict=True)]
+    targets = [_camera_of(2, *both, (width, height)) for both in zip(K2, pose2, strict=True)]
+    depths = np.nan_to_num(depths[:, 0].astype(np.float32), nan=_FARTHEST, posinf=_FARTHEST).clip(0, _FARTHEST)
     if not is_depth:
         depths = np.stack([depth_from_euclidean(one, camera) for one, camera in zip(depths, cameras, strict=True)])
     flow = np.stack([_flow(*one) for one in zip(depths, cameras, targets, strict=True)])
     if mask1 is not None:
         _shape_of("mask1", mask1, (batch, 1, height, width))
-        depths[_array_of("mask1", mask1)[:, 0] <= 0] = np.nan
+        depths[~(_array_of("mask1", mask1)[:, 0] > 0)] = np.nan
     job = _job("frame1", frame1, depths, cameras, [[target] for target in targets], options)
+    if is_image and job.values.dtype.kind != "f":
+        raise ArgumentError("frame1", "floats from -1 to 1, or is_image=False with it", describe(job.values))
     values, mask, seen = (one[:, 0] for one in _warped(frame1, job._replace(hole=-1.0 if is_image else 0.0)))
-    values = values.clip(-1, 1) if is_image else values
+    if is_image and max(-job.values.min(), job.values.max()) > 1:
+        values = values.clip(-1, 1)
     mask2 = mask.to(frame1.dtype) if _is_torch(frame1) else mask.astype(frame1.dtype)
     return values, mask2, seen[:, 0] if render_depth else None, _like(frame1, flow)
 
 
-def _cameras_of(K: Array, camera_from_world: Array, size: tuple[int, int]) -> list[Camera]:
-    poses: Array = np.linalg.inv(camera_from_world.astype(np.float64))
-    return [Camera(one, size, pose) for one, pose in zip(K, poses, strict=True)]
+def _camera_of(number: int, K: Float64, camera_from_world: Float64, size: tuple[int, int]) -> Camera:
+    """Return the camera of an item, or raise ArgumentError with the names of `forward_warp`."""
+    try:
+        return Camera(K, size, np.linalg.inv(camera_from_world))
+    except np.linalg.LinAlgError:
+        raise ArgumentError(f"transformation{number}", "rigid motions", "a matrix without an inverse") from None
+    except ArgumentError as error:
+        name = "intrinsic" if error.argument == "K" else "transformation"
+        raise ArgumentError(f"{name}{number}", error.expected, error.got) from None
 
 
 def _flow(depth: NDArray[np.float32], camera: Camera, target: Camera) -> NDArray[np.float32]:
@@ -216,31 +240,27 @@ def _flow(depth: NDArray[np.float32], camera: Camera, target: Camera) -> NDArray
 
 
 class _Job(NamedTuple):
-    """A batch's geometry."""
+    """A batch and its geometry."""
 
+    values: Array  # (B, C, h, w)
     views: Sequence[DepthImage]  # without colours
     targets: Sequence[Sequence[Camera]]  # for each view
-    options: WarpOptions
+    options: TensorOptions
     hole: float = 0.0  # value of pixels that show nothing
 
-    def warped(self, values: Array) -> tuple[Array, Array, Array]:
-        """Warp values (B, C, h, w); the channels of the results come last in memory."""
-        features = np.moveaxis(values, 1, -1)
+    def warped(self) -> tuple[Array, Array, Array]:
+        """Return values, mask and depth; the channels come last in memory."""
+        features = np.moveaxis(self.values, 1, -1)
         shape = len(self.views), len(self.targets[0]), self.targets[0][0].height, self.targets[0][0].width
-        made = np.empty((*shape, values.shape[1]), values.dtype)
-        mask, depth = np.empty(shape, np.bool_), np.empty(shape, np.float32)
-        for item, (view, targets) in enumerate(zip(self.views, self.targets, strict=True)):
-            if not view.valid.any():
-                made[item], mask[item] = 0, False
-                continue
+        made = np.full((*shape, self.values.shape[1]), 0, self.values.dtype)
+        mask, depth = np.zeros(shape, np.bool_), np.empty(shape, np.float32)
+        for item, view in self._visible():
             full = DepthImage(None, view.depth, view.camera, features=features[item])
-            for number, camera in enumerate(targets):
+            for number, camera in enumerate(self.targets[item]):
                 at = item, number
                 none = np.empty((*shape[2:], 0), np.uint8)
                 frame = Frame(none, depth[at], mask[at], camera, features=made[at])
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", UserWarning)  # the mask tells that a frame is empty
-                    warp_views(full, camera, out=frame, **self.options)
+                warped_frames(full, camera, out=frame, **self.options)
         depth[~mask] = 0
         if self.hole:
             made[~mask] = self.hole
@@ -248,38 +268,51 @@ class _Job(NamedTuple):
 
     def transposed(self, gradient: Array) -> Array:
         """Map a gradient for the results of `warped` to one for the values."""
-        size = self.views[0].depth.shape
-        sums = np.zeros((len(self.views), *size, gradient.shape[2]), np.float32)
-        for item, (view, targets) in enumerate(zip(self.views, self.targets, strict=True)):
-            for number, camera in enumerate(targets if view.valid.any() else ()):
+        sums = np.zeros((len(self.views), *self.views[0].depth.shape, gradient.shape[2]), np.float32)
+        for item, view in self._visible():
+            for number, camera in enumerate(self.targets[item]):
                 own = np.ascontiguousarray(np.moveaxis(gradient[item, number], 0, -1), np.float32)
                 sums[item] += warp_transposed(view, camera, own, **self.options)
         return np.moveaxis(sums, -1, 1)
 
+    def _visible(self) -> Iterator[tuple[int, DepthImage]]:
+        """The views that have depth. Each is new: what it keeps on the device is freed after its use."""
+        for item, view in enumerate(self.views):
+            if view.valid.any():
+                yield item, DepthImage(None, view.depth, view.camera)
+
 
 def _job(
-    argument: str, tensor: Any, depth: Any, source: Camera | Sequence[Camera], cameras: Targets, options: WarpOptions
+    argument: str, tensor: Any, depth: Any, source: Camera | Sequence[Camera], cameras: Targets, options: TensorOptions
 ) -> _Job:
     """Check the arguments of `warp`."""
-    for name in ("fill", "blend", "splat"):
-        if name in options:
-            raise ArgumentError(name, "no such option: tensors are neither filled nor blended", "one")
+    if unknown := sorted(options.keys() - _OPTIONS):
+        raise ArgumentError(unknown[0], f"one of the options {', '.join(_OPTIONS)}", "another")
     batch, _, height, width = _shape_of(argument, tensor, (None, None, None, None))
     sources = [source] * batch if isinstance(source, Camera) else checked_cameras("source", source)
     if len(sources) != batch or any(camera.size != (width, height) for camera in sources):
         raise ArgumentError("source", f"one camera, or {batch}, of the size {(width, height)}", describe(source))
-    flat = depth[:, 0] if len(_shape_of("depth", depth, None)) == 4 else depth
-    _shape_of("depth", flat, (batch, height, width))
-    views = [DepthImage(None, one, at) for one, at in zip(_array_of("depth", flat), sources, strict=True)]
-    return _Job(views, _targets_of(cameras, batch), options)
+    plane = (batch, 1, height, width) if len(_shape_of("depth", depth, None)) == 4 else (batch, height, width)
+    _shape_of("depth", depth, plane)
+    depths = _array_of("depth", depth).reshape(batch, height, width)
+    if getattr(tensor, "requires_grad", False):
+        depths = depths.copy()  # the caller may change it before the gradient is asked for
+    views = [DepthImage(None, one, at) for one, at in zip(depths, sources, strict=True)]
+    WarpedView(views[0], **options)  # checks them
+    values, targets = _array_of(argument, tensor), _targets_of(cameras, batch)
+    for one in values:
+        checked_features(argument, np.moveaxis(one, 0, -1), (height, width))
+    return _Job(values, views, targets, options)
 
 
 def _warped(tensor: Any, job: _Job) -> Warped:
-    """Warp a tensor, with a gradient if it is PyTorch's."""
+    """Warp a batch, with a gradient if it is PyTorch's."""
     if not _is_torch(tensor):
-        return Warped(*job.warped(_array_of("tensor", tensor)))
-    if tensor.requires_grad and any(camera.lens for camera in (view.camera for view in job.views)):
-        raise ArgumentError("source", "cameras without lenses, for a gradient", "one with a lens")
+        values, *told = job.warped()
+        return Warped(values.astype(tensor.dtype, copy=False), *told)
+    lenses = [camera.lens for group in ([view.camera for view in job.views], *job.targets) for camera in group]
+    if tensor.requires_grad and import_module("torch").is_grad_enabled() and any(lenses):
+        raise ArgumentError("source, cameras", "cameras without lenses, for a gradient", "one with a lens")
     return Warped(*_function().apply(tensor, job))
 
 
@@ -291,9 +324,9 @@ def _function() -> Any:
     class Warp(torch.autograd.Function):
         @staticmethod
         def forward(ctx: Any, tensor: Any, job: _Job) -> tuple[Any, ...]:
-            ctx.job, ctx.like = job, tensor[:0]
-            values, mask, depth = job.warped(_array_of("tensor", tensor))
+            values, mask, depth = job.warped()
             told = torch.from_dlpack(mask.view(np.uint8)).bool().to(tensor.device), _like(tensor, depth)
+            ctx.job, ctx.like = job._replace(values=np.empty(0)), tensor.new_empty(0)
             ctx.mark_non_differentiable(*told)
             return (_like(tensor, values).to(tensor.dtype), *told)
 
@@ -307,20 +340,22 @@ def _function() -> Any:
 
 
 def _is_torch(value: Any) -> bool:
-    return type(value).__module__.partition(".")[0] == "torch"
+    return any(kind.__module__.partition(".")[0] == "torch" for kind in type(value).__mro__)
 
 
 def _array_of(argument: str, tensor: Any) -> Array:
-    """Return a tensor as an array, in place if it is in this machine's memory and of a type that the warp takes."""
-    if _is_torch(tensor):
-        torch = import_module("torch")
-        plain = tensor.detach().cpu()
-        single, byte = plain.dtype in (torch.bfloat16, torch.float64), plain.dtype == torch.bool
-        tensor = plain.float() if single else plain.byte() if byte else plain
+    """Return a tensor as an array of a type that the warp takes, in place if it is in this machine's memory."""
     try:
-        return cast("Array", tensor) if isinstance(tensor, np.ndarray) else np.from_dlpack(tensor)
-    except (BufferError, RuntimeError, TypeError, ValueError) as error:
-        raise ArgumentError(argument, "a tensor in this machine's memory, with `__dlpack__`", str(error)) from error
+        if _is_torch(tensor):
+            plain = tensor.detach().cpu()
+            tensor = {"torch.bfloat16": plain.float, "torch.bool": plain.byte}.get(str(plain.dtype), lambda: plain)()
+        array: Array = np.asarray(cast("Array", tensor)) if isinstance(tensor, np.ndarray) else np.from_dlpack(tensor)
+    except (BufferError, NotImplementedError, RuntimeError, TypeError, ValueError) as error:
+        raise ArgumentError(argument, "a dense tensor in memory, with `__dlpack__`", str(error)) from error
+    if array.dtype == np.bool_:
+        return array.view(np.uint8)
+    single = array.dtype == np.float64 or not array.dtype.isnative
+    return array.astype(np.float32 if single and array.dtype.kind == "f" else array.dtype.newbyteorder("="), copy=False)
 
 
 def _like(tensor: Any, array: Array) -> Any:
@@ -344,13 +379,14 @@ def _shape_of(argument: str, tensor: Any, shape: tuple[int | None, ...] | None) 
 
 def _targets_of(cameras: Targets, batch: int) -> list[list[Camera]]:
     """Return the targets of each item."""
-    one = not isinstance(cameras, Camera) and all(isinstance(camera, Camera) for camera in cameras)
-    groups: list[Any] = [cameras] * batch if one or isinstance(cameras, Camera) else list(cameras)
+    groups: list[Any] = [cameras] * batch
+    if isinstance(cameras, Sequence) and all(isinstance(group, Sequence) for group in cameras):
+        groups = list(cameras)
     targets = [checked_cameras("cameras", group) for group in groups]
-    first = targets[0][0] if targets else None
     if len(targets) != batch or any(len(group) != len(targets[0]) for group in targets):
         counts = [len(group) for group in targets]
         raise ArgumentError("cameras", f"{batch} sequences of as many cameras", f"sequences of {counts}")
-    if first and any(camera.size != first.size for group in targets for camera in group):
-        raise ArgumentError("cameras", "cameras of one size", "several sizes")
+    sizes = list(dict.fromkeys(camera.size for group in targets for camera in group))
+    if len(sizes) > 1:
+        raise ArgumentError("cameras", "cameras of one size", f"{sizes[0]} and {sizes[1]}")
     return targets

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import sys
 import sysconfig
 import tempfile
@@ -24,6 +26,7 @@ def _found() -> Any:
         if not (_PACKAGES / f"torch/_C{suffix}").exists():
             return None
         alone = Path(tempfile.mkdtemp(prefix="torch-"))  # the folder's other packages stay out of reach
+        atexit.register(shutil.rmtree, alone)
         for name in _NEEDED:
             if (_PACKAGES / name).exists():
                 (alone / name).symlink_to(_PACKAGES / name)

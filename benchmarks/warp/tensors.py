@@ -25,7 +25,7 @@ FEATURES: dict[str, tuple[int, Any]] = {
     "16 of float32": (16, np.float32),
     "1024 of float16": (1024, np.float16),
 }
-FRAMES = 11
+FRAMES = 121
 
 
 def cases(plan: Plan) -> Iterator[Case]:

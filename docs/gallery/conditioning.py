@@ -83,8 +83,8 @@ def counted(camera: ibr.Camera) -> NDArray[np.bool_]:
 
 
 def leaks(picture: NDArray[np.float32], seen: NDArray[np.bool_], camera: ibr.Camera) -> int:
-    """Count pixels of the disk that show the wall, or a mixture."""
-    wrong = seen & (np.abs(picture - rendered(camera)[0]).max(axis=2) > 2 * DIFFERENT)  # colours from -1 to 1
+    """Count pixels of the disk that show the wall, a mixture, or nothing."""
+    wrong = ~seen | (np.abs(picture - rendered(camera)[0]).max(axis=2) > 2 * DIFFERENT)  # colours from -1 to 1
     return int(wrong[counted(camera)].sum())
 
 
@@ -98,7 +98,7 @@ def table() -> str:
 
 
 def beside() -> Figure:
-    """Draw the first move: by rays, by the splat, and by the warp."""
+    """Draw a sideways move: by rays, by the splat, and by the warp."""
     camera = MOVES["sideways, 0.15 m"]
     figure, row = plt.subplots(1, 3, figsize=(13.5, 2.9), layout="constrained")
     pictures = {

@@ -318,7 +318,8 @@ class Target:
                 told["features"] = values["features"].view(np.float16)
             if self.out is not None:
                 told |= {"color": self.out.color, "depth": self.out.depth, "valid": self.out.valid}
-                told |= {} if self.out.features is None else {"features": self.out.features}
+                if self.features is not None and self.out.features is not None:
+                    told["features"] = self.out.features
             return Frame(camera=self.camera, **told)
 
         return finished

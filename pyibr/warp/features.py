@@ -61,7 +61,8 @@ def gather_features(corners: DeviceArray, features: Features, target: Target, fi
 def scatter_features(corners: DeviceArray, gradient: NDArray[np.float32], shape: tuple[int, int]) -> DeviceArray:
     """Return the sums (H, W, C) of the pixels' values, (height, width, C), at the samples of a view of a `shape`."""
     (_, width, channels), profile = gradient.shape, current().profile
-    sums, bands, each = empty((*shape, channels), np.float32), profile.chunks, profile.lanes
+    sums, bands = empty((*shape, channels), np.float32), profile.chunks
+    each = 1 if profile.lanes == 1 else channels
     sizes = _sizes(corners, width)
     ranges = empty((gradient.shape[0], 2), np.int32)
     launch(_kernel("find_ranges"), (gradient.shape[0],), ranges=ranges, **sizes)

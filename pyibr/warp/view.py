@@ -173,7 +173,7 @@ class WarpedView(Immutable):
         self.fill: Fill | None = fill
         self.thin = checked_bool("thin", thin)
         if method == "forward" and self.channels:
-            raise ArgumentError("method", "another than forward with views that have features", "forward")
+            raise ArgumentError("method", '"epipolar" or "search" with views that have features', '"forward"')
         if thin and method == "forward":
             raise ArgumentError("thin", 'False with method="forward", which draws each sample as a square', "True")
         self.splat = number_from("splat", splat, 1.0, _SPLAT_MAX, f"1 to {_SPLAT_MAX:g} pixels")
@@ -202,12 +202,12 @@ class WarpedView(Immutable):
 
     @property
     def channels(self) -> int:
-        """Number of channels of the views' features, 0 without features."""
-        return 0 if self.views[0].features is None else self.views[0].features.shape[2]
+        """Number of channels of the views' features, 0 without features. Guessed views have none."""
+        return max(0 if view.features is None else view.features.shape[2] for view in self.views)
 
     def carry_features(self, target: Target) -> None:
         """Add the views' features to a finished picture, which has the origins of its pixels."""
-        for number in order_of(self.sources) if self.channels else ():
+        for number in self._seen if self.channels else ():
             features = self.sources[number].features
             assert features is not None
             gather_features(self.corners(target, number), features, target, first=target.features is None)
@@ -396,9 +396,9 @@ def _checked_views(views: DepthImage | Sequence[DepthImage]) -> tuple[DepthImage
             raise ArgumentError("views", "views that all have colours, or none", "some of depth alone")
         if view.color.dtype != several[0].color.dtype:
             raise ArgumentError("views", "colours of one dtype", f"{several[0].color.dtype} and {view.color.dtype}")
-        if _kind_of(view.features) != _kind_of(several[0].features):
-            got = f"{_kind_of(several[0].features)} and {_kind_of(view.features)}"
-            raise ArgumentError("views", "features of one dtype and number of channels, or none", got)
+    kinds = list(dict.fromkeys(_kind_of(view.features) for view in several if not view.guessed))
+    if len(kinds) > 1:
+        raise ArgumentError("views", "features of one dtype and number of channels, or none", " and ".join(kinds))
     return several
 
 

@@ -119,6 +119,22 @@ def warp(
     >>> int(frame.valid.sum(axis=1)[0])
     54
     """
+    made = warped_frames(views, camera, origins=origins, classes=classes, samples=samples, out=out, **options)
+    _tell_empty(made, isinstance(camera, Camera))
+    return made[0] if isinstance(camera, Camera) else made
+
+
+def warped_frames(
+    views: Views,
+    camera: Camera | Sequence[Camera],
+    *,
+    origins: bool = False,
+    classes: bool = False,
+    samples: int = 1,
+    out: Frame | Sequence[Frame] | None = None,
+    **options: Unpack[WarpOptions],
+) -> list[Frame]:
+    """Return the frames of `warp` as a list, without a warning of empty ones."""
     thing = _view_of(views, options)
     cameras = checked_cameras("camera", camera)
     for view in thing.views:
@@ -164,8 +180,7 @@ def warp(
     with telling_shortage("this machine"):
         for frame in made:
             _through_lenses(frame, thing.views)
-    _tell_empty(made, isinstance(camera, Camera))
-    return made[0] if isinstance(camera, Camera) else made
+    return made
 
 
 def warp_transposed(
@@ -174,6 +189,7 @@ def warp_transposed(
     """Return the transposed map of the warp of a view's features: (H, W, C) sums at the samples.
 
     A sample sums the values of the pixels of `gradient`, (height, width, C), with the weights that it has in them.
+    Neither camera has a lens.
     """
     thing = WarpedView(view, **options)
     with one_call():

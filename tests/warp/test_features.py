@@ -134,6 +134,16 @@ def test_features_survive_copies_and_other_calls():
     np.testing.assert_array_equal(out.features, one.features)
 
 
+def test_guessed_layers_need_no_features():
+    source = ibr.DepthImage((255 * noise()).astype(np.uint8), depth(), CAMERA, features=noise(5))
+    target = CAMERA.moved(0.2, 0, 0)
+    alone, both = ibr.warp(source, target), ibr.warp([source, ibr.background_layer(source, target)], target)
+    np.testing.assert_array_equal(both.features, alone.features)
+    out = ibr.Frame(*(np.empty_like(one) for one in (both.color, both.depth, both.valid)), target, features=noise(5))
+    plain = ibr.DepthImage(source.color, source.depth, CAMERA)
+    assert ibr.warp(plain, target, out=out).features is None
+
+
 def test_bad_features_are_named():
     wrong = [noise()[..., 0], noise()[:-1], noise(0), np.zeros((SIZE[1], SIZE[0], 1025), np.uint8), noise().astype(int)]
     for features in (*wrong, "features"):

@@ -65,7 +65,7 @@ def test_targets_and_sources_may_differ_between_items():
     assert (other.values[1] != each.values[1, 0]).any() and (other.values[0] != each.values[0, 0]).any()
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.float16, np.float32])
+@pytest.mark.parametrize("dtype", [np.bool_, np.uint8, np.float16, np.float32, np.float64, ">f4"])
 def test_types_are_kept(dtype):
     made = ibr.torch.warp(values(1, dtype=dtype), depths(1), CAMERA, TARGETS[0], interpolation="nearest")
     assert made.values.dtype == dtype and set(np.unique(made.values)) <= {0, *np.unique(values(1, dtype=dtype))}
@@ -111,7 +111,11 @@ def test_the_splatting_functions_masks_unknown_depths_and_distances():
         "cameras": {"cameras": [TARGETS, TARGETS]},
         "fill": {"fill": "background"},
         "method": {"method": "forward"},
-        "features": {"tensor": values(1, dtype=np.int32)},
+        "origins": {"origins": True},
+        "edges": {"edges": "torn"},
+        "tensor: expected uint8": {"tensor": values(1, dtype=np.int32)},
+        "depth: expected a tensor of shape": {"depth": np.ones((1, 2, *SIZE[::-1]), np.float32)},
+        "cameras: expected a pyibr.Camera": {"cameras": 3},
     }.items(),
 )
 def test_wrong_arguments_are_named(name, change):
@@ -125,6 +129,11 @@ def test_wrong_matrices_are_named():
     for number, name in ((0, "frame1"), (2, "depth1"), (3, "transformation1"), (5, "intrinsic1")):
         with pytest.raises(ibr.ArgumentError, match=name):
             ibr.torch.forward_warp(*arguments[:number], arguments[number][..., :-1, 0], *arguments[number + 1 :])
+        if number > 2:
+            with pytest.raises(ibr.ArgumentError, match=f"{name}: expected"):
+                ibr.torch.forward_warp(*arguments[:number], 0 * arguments[number], *arguments[number + 1 :])
+    with pytest.raises(ibr.ArgumentError, match="frame1: expected floats"):
+        ibr.torch.forward_warp(values(1, dtype=np.uint8), *arguments[1:])
 
 
 def test_an_empty_view_is_a_mask_of_zeros():
@@ -156,7 +165,8 @@ def test_tensors_come_back_as_tensors():
         assert made.values.dtype == torch.float32 and made.mask.dtype == torch.bool
         for one, other in zip(made, expected, strict=True):
             np.testing.assert_array_equal(np.from_dlpack(one.float()), other.astype(np.float32))
-    for dtype in (torch.bfloat16, torch.float16, torch.float64, torch.uint8):
+    assert type(ibr.torch.warp(torch.nn.Parameter(tensor), depths(2), CAMERA, TARGETS).values) is torch.Tensor
+    for dtype in (torch.bfloat16, torch.float16, torch.float64, torch.uint8, torch.bool):
         assert ibr.torch.warp(tensor.to(dtype), depths(2), CAMERA, TARGETS).values.dtype == dtype
     arrays = splat_arguments(2)
     given = [None if one is None else torch.from_dlpack(np.array(one, np.float32)) for one in arrays]
@@ -181,8 +191,22 @@ def test_the_gradient_is_the_transposed_map():
         # A step of 0.5 hides float32's rounding, and is exact as the warp is linear.
         assert torch.autograd.gradcheck(warped, (tensor,), eps=0.5, atol=1e-5, rtol=1e-5)
     lens = ibr.Camera(camera.K, camera.size, lens=ibr.Lens("brown_conrady", [-0.1, 0, 0, 0]))
-    with pytest.raises(ibr.ArgumentError, match="without lenses"):
-        ibr.torch.warp(tensor, depth, lens, camera)
+    for source, target in ((lens, camera), (camera, lens)):
+        with pytest.raises(ibr.ArgumentError, match="without lenses"):
+            ibr.torch.warp(tensor, depth, source, target)
+        with torch.no_grad():
+            ibr.torch.warp(tensor, depth, source, target)
+
+
+def test_a_gradient_is_of_the_depth_at_the_time_of_the_warp():
+    torch = torch_or_skip()
+    tensor, depth, gradients = torch.from_dlpack(values(1)).requires_grad_(True), depths(1), []
+    for is_changed in (False, True):
+        warped = ibr.torch.warp(tensor, depth, CAMERA, TARGETS[0]).values
+        if is_changed:
+            depth[:] = 1.3
+        gradients.append(torch.autograd.grad(warped.sum(), tensor)[0])
+    assert torch.equal(*gradients)
 
 
 def test_a_texture_is_fitted_from_warped_views():
