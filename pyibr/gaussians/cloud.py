@@ -33,8 +33,8 @@ Float32 = NDArray[np.float32]
 
 _HARMONICS = (1, 4, 9, 16)
 _REACH = 3.33  # standard deviations at which an opaque Gaussian's opacity falls to 1/255
-_STRAY = 0.005  # share of the Gaussians that may be strays, on each side
-_ASTRAY = 0.25  # distance from the other Gaussians' box, in its sides, from which they are
+_STRAY = 0.005  # greatest share of stray Gaussians at either end of an axis
+_ASTRAY = 0.25  # least distance of strays from the box around the others, in lengths of this box
 _INSERTIONS = (
     (32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
     (2, 0x1249249249249249),
@@ -163,14 +163,15 @@ class Gaussians(Immutable):
     def save(self, path: str | PathLike[str]) -> None:
         """Write a file of 3D Gaussians, or leave the old file. A missing folder is made.
 
-        Only uncompressed PLY keeps all digits. The other formats of `load` round, and limit scales to 2e-9 and more
-        (SPZ: 4.5e-5 to 400). Their harmonics beyond degree 0 are at most 4 in .compressed.ply and 1 in .spz, and are
-        left out of .splat, with a UserWarning.
+        Only uncompressed PLY keeps all digits. The other formats of `load` round. All but .ksplat limit scales to 2e-9
+        and more (SPZ: 4.5e-5 to 400). Harmonics beyond degree 0 are at most 4 in .compressed.ply and 1 in .spz, and are
+        left out of .splat, with a UserWarning. Colours of degree 0 are clipped to 0 to 1 in .splat and .ksplat.
 
         Raises
         ------
         ArgumentError
-            If the suffix is unknown; or for .sog, if over 65,536 Gaussians have harmonics beyond degree 0.
+            If the suffix is unknown; if means exceed 2,047 for .spz or 1e8 for .sog; or if over 65,536 Gaussians have
+            harmonics beyond degree 0 for .sog.
         FileFormatError
             If the file cannot be written.
         MissingPackageError

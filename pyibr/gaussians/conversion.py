@@ -18,12 +18,11 @@ folder, source, target, least, times = sys.argv[1:]
 sys.path.append(folder)
 import gaussforge
 data = sys.stdin.buffer.read()
-try:
+if sys.platform == "linux":  # other systems have no such limit, or another meaning of it
     import resource
-except ImportError:  # on Windows
-    pass
-else:
-    resource.setrlimit(resource.RLIMIT_AS, 2 * (int(least) + int(times) * len(data),))
+    limits = [limit for limit in resource.getrlimit(resource.RLIMIT_AS) if limit >= 0]
+    limit = min([int(least) + int(times) * len(data), *limits])
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 output = os.dup(1)
 os.dup2(2, 1)  # gaussforge prints

@@ -27,6 +27,8 @@ _SHAPE = ("x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot
 _NORMALS, _DIRECT = ("nx", "ny", "nz"), ("f_dc_0", "f_dc_1", "f_dc_2")
 _RESTS = (0, 9, 24, 45)  # numbers of the harmonics of degrees 1 to 3, by the degree
 _STEEPEST = 20.0  # of the logarithms and logits in formats other than uncompressed PLY
+_FARTHEST = {".spz": 2047.0, ".sog": 1e8}
+"""Greatest coordinates of means that a format holds."""
 _PALETTE = 1 << 16  # Gaussians whose harmonics need no palette in .sog files
 _TURN = {  # half a turn about x, from y up in SPZ to y down: signs
     "means": np.array([1, -1, -1], np.float32),
@@ -41,7 +43,7 @@ def read_gaussians(path: str | PathLike[str]) -> Arrays:
     kind = gaussian_suffix(file)
     if not kind:
         raise FileFormatError(f"{file}: a file of Gaussians ends in one of {', '.join(GAUSSIAN_SUFFIXES)}, .ply.gz")
-    with reading(file, f"{kind[1:]}, of 3D Gaussians,") as source:
+    with reading(file, f"{kind[1:].upper()} (3D Gaussians)") as source:
         found = _arrays_in(source, kind)
         kept = np.array(found["rotations"].any(axis=1)) & (found["scales"] >= 0).all(axis=1)
         for array in found.values():
@@ -63,8 +65,13 @@ def write_gaussians(path: str | PathLike[str], arrays: Arrays, order: Callable[[
     if kind == ".sog" and is_colored and count > _PALETTE:
         expected = f"a format other than .sog for over {_PALETTE} Gaussians with harmonics beyond degree 0"
         raise ArgumentError("path", f"{expected}, whose palette takes too long", f"{file} for {count}")
+    farthest, most = float(np.abs(arrays["means"]).max()), _FARTHEST.get(kind, LARGEST)
+    if farthest > most:
+        raise ArgumentError(
+            "path", f"a format other than {kind}, which holds means up to {most:g}", f"{file} for {farthest:g}"
+        )
     if kind == ".splat" and is_colored:
-        warnings.warn(f"{file}: left out, as .splat cannot hold them: harmonics beyond degree 0", stacklevel=3)
+        warnings.warn(f"{file}: harmonics beyond degree 0 are left out; .splat cannot hold them", stacklevel=3)
     with decoding(file, f"writable {kind[1:]}"):
         write_atomically(file, _bytes_of(arrays, kind, order))
 

@@ -15,7 +15,7 @@ from pyibr.gaussians.packed import SH0
 Arrays = dict[str, NDArray[np.float32]]
 """The arrays of a `pyibr.Gaussians`, by the names of its arguments."""
 
-_HEADER, _SECTION = 4096, 1024  # bytes
+_HEADER, _SECTION, _BUCKET = 4096, 1024, 12  # bytes
 _ABOUT = "<IIIIfHxxIIIIH"  # a section's header
 _KINDS = (("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1"))  # positions, shapes, harmonics
 
@@ -35,6 +35,8 @@ def arrays_of(data: bytes) -> Arrays:
         about = struct.unpack_from(_ABOUT, data, _HEADER + number * _SECTION)
         count, room, capacity, buckets, block, size, span, _, full, partial, degree = about
         row = _row(level, degree)
+        if count > room or (level and size < _BUCKET):
+            raise ValueError(f"{count} Gaussians in room for {room}, or buckets of {size} bytes")
         first = start + 4 * partial + size * buckets
         rows: NDArray[np.void] = np.frombuffer(data, row, count, first) if count else np.empty(0, row)
         means, shares = rows["means"].astype(np.float32), rows["sh"].astype(np.float32)

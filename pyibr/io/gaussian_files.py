@@ -20,10 +20,10 @@ def gaussian_suffix(file: Path) -> str:
 
 
 def is_gaussian_file(path: str | PathLike[str]) -> bool:
-    """Tell whether a file holds 3D Gaussians, by its suffix; a PLY file by its header."""
+    """Tell whether a file holds 3D Gaussians, by its suffix; a PLY file by its header. False if there is no file."""
     file = checked_path(path)
     suffix = gaussian_suffix(file)
-    return ply.holds_gaussians(file) if suffix.endswith(".ply") else bool(suffix)
+    return ply.holds_gaussians(file) if suffix.endswith(".ply") else bool(suffix) and file.is_file()
 
 
 def refuse_gaussians(path: str | PathLike[str], expected: str) -> None:

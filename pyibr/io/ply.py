@@ -30,7 +30,7 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _NAMES: dict[str, Literal["little", "big"]] = {"<": "little", ">": "big"}
 _HEADER_MAX = 1 << 16  # bytes
 _LIST_MAX = 64  # longest lists that are read as a table
-_OF_GAUSSIANS = (b"f_dc_0", b"packed_position")
+_OF_GAUSSIANS = re.compile(rb"^property \S+ (f_dc_0|packed_position)\s*$", re.MULTILINE)
 _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _TEXTURE = re.compile(r"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE)
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
@@ -168,7 +168,7 @@ def holds_gaussians(path: Path) -> bool:
             header = stream.read(_HEADER_MAX).partition(b"end_header")[0]
     except (OSError, EOFError, zlib.error):
         return False
-    return header.startswith(b"ply") and any(mark in header for mark in _OF_GAUSSIANS)
+    return header.startswith(b"ply") and _OF_GAUSSIANS.search(header) is not None
 
 
 def read_columns(data: bytes) -> dict[str, dict[str, NDArray[Any]]]:

@@ -11,6 +11,7 @@ import pytest
 import pyibr as ibr
 from pyibr.app.batch.work import run_command
 from pyibr.app.commands import progress
+from pyibr.app.commands.progress import waiting
 from pyibr.capture import capture
 from tests.app.commands import assert_one_line, run, succeeded
 from tests.gaussians.clouds import camera, cloud
@@ -75,7 +76,7 @@ def test_formats_are_converted(folder: Path):
         assert_one_line(run("convert", *words), said)
     Path("cut.spz").write_bytes(b"NGSP cut")
     pytest.importorskip("gaussforge", reason="needs the extra gaussians")
-    assert_one_line(run("convert", "cut.spz", output="new.ply"), "cut.spz: not a readable spz")
+    assert_one_line(run("convert", "cut.spz", output="new.ply"), "cut.spz: not a readable SPZ (3D Gaussians) file")
 
 
 @pytest.mark.parametrize(
@@ -96,3 +97,9 @@ def test_slow_loading_shows_progress(folder: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(progress, "_PATIENCE", 0)
     monkeypatch.setenv("FORCE_COLOR", "1")
     assert "Loading scene.ply" in run("convert", "scene.ply", output="new.ply").stderr
+
+
+def test_waiting_writes_nothing_into_files(capsys):
+    with waiting("Loading"):
+        pass
+    assert not "".join(capsys.readouterr())

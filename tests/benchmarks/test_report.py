@@ -70,7 +70,7 @@ def test_turns_alternate_after_one_run_each_for_nothing() -> None:
 
 def test_the_report_is_of_one_commit() -> None:
     folder = Path(report.__file__).parent / "results" / ibr.__version__
-    names = {"": set(MODULES) - set(APART), **{name: {name} for name in APART}}
+    names = {"": set(MODULES) - set(APART), **{name: {name} for name in APART if name != "card"}}
     for place, expected in names.items():
         results = [Result.load(path) for path in (folder / place).glob("*.json")]
         assert {result.benchmark for result in results} == expected

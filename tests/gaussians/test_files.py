@@ -52,7 +52,7 @@ def test_a_format_keeps_what_it_can(tmp_path: Path, suffix: str):
         forge()
     thing, file = shown(), tmp_path / f"cloud{suffix}"
     if suffix == ".splat":
-        with pytest.warns(UserWarning, match=r"as \.splat cannot hold them: harmonics beyond degree 0"):
+        with pytest.warns(UserWarning, match=r"harmonics beyond degree 0 are left out; \.splat cannot hold them"):
             thing.save(file)
     else:
         thing.save(file)
@@ -241,6 +241,40 @@ def test_a_count_beyond_the_file_takes_no_memory(tmp_path: Path, suffix: str, co
     with pytest.raises(ibr.FileFormatError):
         ibr.Gaussians.load(file)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kilobytes
+
+
+def test_means_beyond_a_format_are_refused(tmp_path: Path):
+    for suffix, most in ((".spz", 2047), (".sog", 1e8)):
+        forge()
+        thing, file = cloud(50), tmp_path / f"cloud{suffix}"
+        like(thing, means=thing.means + np.float32(most * 0.99)).save(file)
+        assert np.abs(ibr.Gaussians.load(file).means).max() > most * 0.98
+        with pytest.raises(ibr.ArgumentError, match=rf"other than \{suffix}, which holds means up to"):
+            like(thing, means=thing.means + np.float32(1.1 * most)).save(file)
+
+
+def test_sections_of_ksplat_cannot_share_bytes(tmp_path: Path):
+    """A short file whose many sections all describe the same bytes would fill the memory."""
+    shown(600, 0).save(tmp_path / "cloud.ksplat")
+    data = bytearray((tmp_path / "cloud.ksplat").read_bytes())
+    section = bytearray(data[4096 : 4096 + 1024])
+    struct.pack_into("<I", section, 4, 0)  # room
+    struct.pack_into("<I", data, 4, 100)
+    (tmp_path / "cloud.ksplat").write_bytes(data[:4096] + 100 * section + data[4096 + 1024 :])
+    with pytest.raises(ibr.FileFormatError, match="600 Gaussians in room for 0"):
+        ibr.Gaussians.load(tmp_path / "cloud.ksplat")
+
+
+def test_only_properties_tell_a_cloud_from_a_mesh(tmp_path: Path):
+    file = tmp_path / "mesh.ply"
+    ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).save(file)
+    file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment f_dc_0 and packed_position\nelement", 1))
+    assert len(ibr.Mesh.load(file).faces) == 1
+    (tmp_path / "folder.splat").mkdir()
+    with pytest.raises(ibr.FileFormatError, match="is a folder"):
+        ibr.Gaussians.load(tmp_path / "folder.splat")
+    with pytest.raises(ibr.FileFormatError, match="no such file"):
+        ibr.read_color(tmp_path / "none.spz")
 
 
 def test_mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -79,6 +79,8 @@ def convert(
     is_model = is_gaussian_file(source) or is_mesh_file(source)
     recording = None if is_model else find_recording(source, reading.stored.how.get("channel"))
     if is_model:
+        if len(sources) > 1:
+            raise ArgumentError("SOURCE", "one file of a mesh or of Gaussians", f"{len(sources)} files")
         (_convert_gaussians if is_gaussian_file(source) else _convert_mesh)(source, output, up)
     elif form is None and (recording or len(sources) > 1) and not suffix:
         with device_of(device):

@@ -53,10 +53,12 @@ def waiting(doing: str) -> Generator[None, None, None]:
     bars = Progress(*columns, console=Console(stderr=True), transient=True)
     bars.add_task(doing, total=None)
     timer = threading.Timer(_PATIENCE, bars.start)
-    timer.start()
+    if bars.console.is_terminal:
+        timer.start()
     try:
         yield
     finally:
         timer.cancel()
-        timer.join()
-        bars.stop()
+        if bars.console.is_terminal:
+            timer.join()
+            bars.stop()

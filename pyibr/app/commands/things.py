@@ -84,7 +84,9 @@ class ImageOptions(NamedTuple):
             else:
                 things.append(self.image(name, rest.pop(0), exposure))
         if len(ups) > 1:
-            print_note("THINGS: y is up in meshes as OBJ, PLY, OFF and STL, else -y: convert these meshes to GLB")
+            print_note(
+                "THINGS: y is up in OBJ, PLY, OFF and STL meshes, -y in GLB and Gaussians: convert meshes to GLB"
+            )
         return things, "y" if ups == {"y"} and len(things) == len(names) else None
 
     def image(self, color: Path, depth: Path, exposure: Exposure) -> DepthImage:

@@ -6,8 +6,8 @@ import contextvars
 import math
 import threading
 import time
+import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyibr.core.camera import Camera
-from pyibr.core.errors import Error
 from pyibr.core.rotations import rvec_from_rotation
 from pyibr.images import DepthImage, Frame
 from pyibr.warp.view import WarpedView
@@ -25,7 +24,7 @@ Draw = Callable[[Camera], Frame]
 
 _FAST = 0.015  # seconds: things that are drawn in less are drawn exactly for a moving camera, too
 _PACE = 1 / 40  # seconds from warp to warp while an exact picture is drawn, which needs time, too
-_KEPT = 4  # exact pictures
+_KEPT, _LOOKS = 4, 4  # exact pictures of each look; looks
 _NEAR = 0.03  # shift of a picture, in widths, from which the next exact picture is drawn meanwhile
 _FAR = 0.8  # shift from which the warp would show too little
 _BORDER = 0.125  # width beside an exact picture for a moving camera, in sides: what its motion will uncover
@@ -67,6 +66,12 @@ class _Exact:
         view = DepthImage(self.frame.color, _with_faint(self.frame, self.beyond), self.frame.camera)
         return WarpedView(view, cut_ratio=_CUT_RATIO, fill="background")
 
+    def prepare(self) -> None:
+        """Warp the picture a little, which builds the kernels and the surface."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # the picture may be empty
+            warp(self.thing, self.camera.moved(*(0.01 * self.near * np.array([2, 1, 1]))))
+
     def shift(self, camera: Camera) -> float:
         """Shift of the picture's content in another camera's picture, in picture widths."""
         one, other = self.camera, camera
@@ -86,13 +91,17 @@ class LastPictures:
         self._kept: list[_Exact] = []
         self._lock = threading.Lock()
         self._drawing: threading.Thread | None = None
+        self._failed: object = None  # look of the last picture that could not be drawn
         self._warped = 0.0  # time of the last warp
 
     def draw(self, exact: Draw, camera: Camera, look: object) -> Frame:
         """Draw an exact frame, and keep it. `look`: all on which the picture depends, except the camera."""
         start = time.perf_counter()
         frame = exact(camera)
-        self._keep(_Exact(frame, camera, look, time.perf_counter() - start))
+        made = _Exact(frame, camera, look, time.perf_counter() - start)
+        if not self._kept and made.seconds >= _FAST:  # so that the first motion does not wait for builds
+            self._start(made.prepare, look)
+        self._keep(made)
         return frame
 
     def draw_moving(self, exact: Draw, camera: Camera, look: object) -> Frame:
@@ -112,27 +121,41 @@ class LastPictures:
         return WarpedFrame(frame.color, frame.depth, frame.valid, camera)
 
     def _begin(self, exact: Draw, camera: Camera, look: object) -> None:
-        """Begin to draw an exact picture on another thread, unless one is being drawn."""
-        if self._drawing is not None and self._drawing.is_alive():
-            return
+        """Begin to draw an exact picture on another thread."""
 
         def draw() -> None:
             start = time.perf_counter()
-            with suppress(Error):  # the page tells of it when the camera rests
-                made = _Exact(exact(_wider(camera)), camera, look, time.perf_counter() - start)
-                warp(made.thing, camera.resized((1, 1)))  # prepares the surface
-                self._keep(made)
+            made = _Exact(exact(_wider(camera)), camera, look, time.perf_counter() - start)
+            warp(made.thing, camera.resized((1, 1)))  # prepares the surface
+            self._keep(made)
 
-        self._drawing = threading.Thread(target=contextvars.copy_context().run, args=(draw,))
+        if look != self._failed:
+            self._start(draw, look)
+
+    def _start(self, work: Callable[[], None], look: object) -> None:
+        """Start work for a look on another thread, unless some is being done."""
+        if self._drawing is not None and self._drawing.is_alive():
+            return
+
+        def guarded() -> None:
+            try:
+                work()
+            except Exception:  # the page tells of it when the camera rests
+                self._failed = look
+
+        self._failed = None
+        self._drawing = threading.Thread(target=contextvars.copy_context().run, args=(guarded,))
         self._drawing.start()
 
     def _keep(self, made: _Exact) -> None:
         with self._lock:
-            self._kept = [made, *self._kept[: _KEPT - 1]]
+            same = [one for one in self._kept if one.look == made.look][: _KEPT - 1]
+            others = [one for one in self._kept if one.look != made.look][: _KEPT * (_LOOKS - 1)]
+            self._kept = [made, *same, *others]
 
 
 def _wider(camera: Camera) -> Camera:
-    """The camera with a border around its picture."""
+    """A pinhole camera with a border around its picture."""
     border = [round(_BORDER * side) for side in camera.size]
     K = camera.K.copy()
     K[:2, 2] += border

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -50,9 +50,10 @@ def paint(methods: Mapping[str, RenderMethod], camera: Camera, style: Style) -> 
         frame = _drawn(methods, camera, style, style.method, watch)
         note = "Warped from the last exact picture" if isinstance(frame, WarpedFrame) else ""
         return Picture(_shown(frame, style, watch), frame.depth, camera, watch.stages, note)
+    names, style = (style.method, style.other), replace(style, moving=False)  # only exact frames are compared
     if style.layout == "side by side":
         return _beside(methods, camera, style, watch)
-    one, other = (_drawn(methods, camera, style, name, watch) for name in (style.method, style.other))
+    one, other = (_drawn(methods, camera, style, name, watch) for name in names)
     colors = [_shown(frame, style, watch) for frame in (one, other)]
     note = _apart(one, other)
     with watch.timing("compare"):

@@ -197,6 +197,7 @@ def test_the_next_exact_picture_is_drawn_meanwhile_and_is_wider(monkeypatch):
         return ibr.render([disk(), wall()], camera)
 
     last.draw(exact, CAMERA, "look")
+    until(lambda: not last._drawing.is_alive())  # it builds the kernels
     frames = [last.draw_moving(exact, turned(degrees), "look") for degrees in (3, 4, 5)]
     assert all(isinstance(frame, WarpedFrame) for frame in frames)  # none has waited for the exact picture
     until(lambda: len(drawn) == 2)  # only one is drawn at a time
@@ -211,7 +212,15 @@ def test_the_next_exact_picture_is_drawn_meanwhile_and_is_wider(monkeypatch):
     until(lambda: not last._drawing.is_alive())
 
 
-def test_an_error_meanwhile_is_told_at_rest_alone(monkeypatch):
+def test_each_look_keeps_its_pictures():
+    last = LastPictures()
+    for look in ("mine", *4 * ["yours"]):
+        last.draw(lambda camera: ibr.render([disk(), wall()], camera), CAMERA, look)
+    assert [one.look for one in last._kept] == [*4 * ["yours"], "mine"]
+
+
+@pytest.mark.parametrize("kind", [ibr.Error, ValueError])
+def test_an_error_meanwhile_is_told_at_rest_alone(monkeypatch, kind):
     monkeypatch.undo()
     monkeypatch.setattr(moving, "_FAST", 0.0)
     monkeypatch.setattr(threading, "excepthook", lambda args: pytest.fail(str(args.exc_value)))
@@ -219,11 +228,14 @@ def test_an_error_meanwhile_is_told_at_rest_alone(monkeypatch):
     last.draw(lambda camera: ibr.render(disk(), camera), CAMERA, "look")
 
     def fails(camera: ibr.Camera) -> ibr.Frame:
-        raise ibr.Error("no memory")
+        raise kind("no memory")
 
+    until(lambda: not last._drawing.is_alive())
     assert isinstance(last.draw_moving(fails, turned(5), "look"), WarpedFrame)
     until(lambda: not last._drawing.is_alive())
-    with pytest.raises(ibr.Error, match="no memory"):
+    drawing = last._drawing
+    assert isinstance(last.draw_moving(fails, turned(5), "look"), WarpedFrame) and last._drawing is drawing
+    with pytest.raises(kind, match="no memory"):
         last.draw(fails, turned(5), "look")
 
 
