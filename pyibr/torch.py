@@ -9,7 +9,7 @@ come last in memory. Only a call with a PyTorch tensor imports torch.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, cast
 
@@ -193,12 +193,12 @@ def forward_warp(
     ]
     for name, value, shape in given:
         _shape_of(name, value, shape)
-    depths, pose1, pose2, K1, K2 = (
-        numbers(name, _array_of(name, value), None, finite=False) for name, value, _ in given
-    )
+    pose1, pose2, K1, K2 = (numbers(name, _array_of(name, value), None, finite=False) for name, value, _ in given[1:])
     cameras = [_camera_of(1, *both, (width, height)) for both in zip(K1, pose1, strict=True)]
     targets = [_camera_of(2, *both, (width, height)) for both in zip(K2, pose2, strict=True)]
-    depths = np.nan_to_num(depths[:, 0].astype(np.float32), nan=_FARTHEST, posinf=_FARTHEST).clip(0, _FARTHEST)
+    depths = _array_of("depth1", depth1)[:, 0].astype(np.float32)
+    depths[np.isnan(depths)] = _FARTHEST
+    np.clip(depths, 0, _FARTHEST, out=depths)
     if not is_depth:
         depths = np.stack([depth_from_euclidean(one, camera) for one, camera in zip(depths, cameras, strict=True)])
     flow = np.stack([_flow(*one) for one in zip(depths, cameras, targets, strict=True)])
@@ -252,34 +252,31 @@ class _Job(NamedTuple):
         """Return values, mask and depth; the channels come last in memory."""
         features = np.moveaxis(self.values, 1, -1)
         shape = len(self.views), len(self.targets[0]), self.targets[0][0].height, self.targets[0][0].width
-        made = np.full((*shape, self.values.shape[1]), 0, self.values.dtype)
-        mask, depth = np.zeros(shape, np.bool_), np.empty(shape, np.float32)
-        for item, view in self._visible():
-            full = DepthImage(None, view.depth, view.camera, features=features[item])
+        made = np.empty((*shape, self.values.shape[1]), self.values.dtype)
+        mask, depth = np.empty(shape, np.bool_), np.empty(shape, np.float32)
+        none = np.empty((*shape[2:], 0), np.uint8)
+        for item, view in enumerate(self.views):
+            full = DepthImage(None, view.depth, view.camera, features=features[item]) if view.valid.any() else None
             for number, camera in enumerate(self.targets[item]):
                 at = item, number
-                none = np.empty((*shape[2:], 0), np.uint8)
-                frame = Frame(none, depth[at], mask[at], camera, features=made[at])
-                warped_frames(full, camera, out=frame, **self.options)
-        depth[~mask] = 0
-        if self.hole:
-            made[~mask] = self.hole
+                if full is None:
+                    mask[at] = False
+                else:
+                    out = Frame(none, depth[at], mask[at], camera, features=made[at])
+                    warped_frames(full, camera, out=out, **self.options)
+                holes = ~mask[at]
+                made[at][holes], depth[at][holes] = self.hole, 0
         return np.moveaxis(made, -1, 2), mask[:, :, None], depth[:, :, None]
 
     def transposed(self, gradient: Array) -> Array:
         """Map a gradient for the results of `warped` to one for the values."""
         sums = np.zeros((len(self.views), *self.views[0].depth.shape, gradient.shape[2]), np.float32)
-        for item, view in self._visible():
-            for number, camera in enumerate(self.targets[item]):
-                own = np.ascontiguousarray(np.moveaxis(gradient[item, number], 0, -1), np.float32)
-                sums[item] += warp_transposed(view, camera, own, **self.options)
-        return np.moveaxis(sums, -1, 1)
-
-    def _visible(self) -> Iterator[tuple[int, DepthImage]]:
-        """The views that have depth. Each is new: what it keeps on the device is freed after its use."""
         for item, view in enumerate(self.views):
-            if view.valid.any():
-                yield item, DepthImage(None, view.depth, view.camera)
+            new = DepthImage(None, view.depth, view.camera)  # whose surface leaves the device after its use
+            for number, camera in enumerate(self.targets[item] if view.valid.any() else ()):
+                own = np.ascontiguousarray(np.moveaxis(gradient[item, number], 0, -1), np.float32)
+                sums[item] += warp_transposed(new, camera, own, **self.options)
+        return np.moveaxis(sums, -1, 1)
 
 
 def _job(

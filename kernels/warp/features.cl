@@ -30,15 +30,35 @@
 #elif FEATURE_BYTES == 2
 #define feature ushort
 #define FEATURE_AT(from) vload_half(0, (global const half *)(from))
-#define FEATURES_AT(from) vload_half16(0, (global const half *)(from))
+#define FEATURES_AT load_halves
 #define PUT_FEATURE(value, to) vstore_half(value, 0, (global half *)(to))
-#define PUT_FEATURES(values, to) vstore_half16(values, 0, (global half *)(to))
+#define PUT_FEATURES store_halves
 #else
 #define feature float
 #define FEATURE_AT(from) (*(from))
 #define FEATURES_AT(from) load_lanes(from)
 #define PUT_FEATURE(value, to) (*(to) = (value))
 #define PUT_FEATURES(values, to) store_lanes(values, to)
+#endif
+
+#if FEATURE_BYTES == 2 && LANES == 16
+/* An access at any address: PoCL's vload_half16 and vstore_half16 need aligned ones. */
+typedef struct __attribute__((packed)) {
+    ushort16 bits;
+} UnalignedHalves;
+
+INLINED float16 load_halves(global const ushort *from)
+{
+    const ushort16 bits = ((global const UnalignedHalves *)from)->bits;
+    return vload_half16(0, (const half *)&bits);
+}
+
+INLINED void store_halves(float16 values, global ushort *to)
+{
+    ushort16 bits;
+    vstore_half16(values, 0, (half *)&bits);
+    ((global UnalignedHalves *)to)->bits = bits;
+}
 #endif
 
 #define CORNER_PLANES 6

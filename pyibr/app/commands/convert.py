@@ -79,9 +79,7 @@ def convert(
     is_model = is_gaussian_file(source) or is_mesh_file(source)
     recording = None if is_model else find_recording(source, reading.stored.how.get("channel"))
     if is_model:
-        if len(sources) > 1:
-            raise ArgumentError("SOURCE", "one file of a mesh or of Gaussians", f"{len(sources)} files")
-        (_convert_gaussians if is_gaussian_file(source) else _convert_mesh)(source, output, up)
+        (_convert_gaussians if is_gaussian_file(source) else _convert_mesh)(_only(sources), output, up)
     elif form is None and (recording or len(sources) > 1) and not suffix:
         with device_of(device):
             _convert_recording(Inputs(sources, reading), sources, output, to_scale or _MILLIMETRES)
@@ -100,6 +98,12 @@ def convert(
         camera = next(iter(reading.camera or ()), None)
         written = stored._replace(depth_scale=scale, depth_offset=0.0, depth_kind=to_kind)
         _convert_depth(source, output, camera, stored, written, video)
+
+
+def _only(models: list[Path]) -> Path:
+    if len(models) > 1:
+        raise ArgumentError("SOURCE", "one file of a mesh or of Gaussians", f"{len(models)} files")
+    return models[0]
 
 
 def _convert_mesh(source: Path, output: Path, up: Up | None) -> None:
