@@ -86,12 +86,12 @@ def splatted(torch: Any, values: Any, depth: Any, camera: ibr.Camera, target: ib
     ]
     places, logs = torch.stack([u / z, v / z]), torch.log1p(z)
     first, strength = torch.floor(places), torch.exp(-50 * logs / logs.max())
-    room = torch.zeros(values.shape[1] + 1, (height + 2) * (width + 2))
-    full = torch.cat([values[0].reshape(values.shape[1], -1), torch.ones(1, height * width)])
+    room = torch.zeros(height + 2, width + 2, values.shape[1] + 1)
+    full = torch.cat([values[0].reshape(values.shape[1], -1), torch.ones(1, height * width)]).T
     for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
         at = first + torch.tensor([[dx], [dy]])
         weight = strength * (1 - (places - at).abs()).prod(dim=0)
         column, row = (at[0].clamp(-1, width) + 1).long(), (at[1].clamp(-1, height) + 1).long()
-        room.index_add_(1, row * (width + 2) + column, full * weight)
-    shown = room.reshape(-1, height + 2, width + 2)[:, 1:-1, 1:-1]
+        room.index_put_((row, column), full * weight[:, None], accumulate=True)
+    shown = room[1:-1, 1:-1].permute(2, 0, 1)
     return shown[:-1] / shown[-1].clamp(min=1e-30), shown[-1]

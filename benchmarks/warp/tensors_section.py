@@ -19,7 +19,8 @@ PATH = """### A path in one call
 
 `ibr.torch.warp` draws {frames} frames of a path with three channels in one call; the time is that of a frame. *With
 gradient*: a frame, and the gradient of its sum. The splat adds up the four pixels around each sample, weighted by
-depth, in PyTorch on the same processor; video models share functions of this kind.
+depth, in PyTorch on the same processor, by `index_put_`, as the functions do that video models share. By `index_add_`
+it would take 0.7 times as long.
 """
 
 
