@@ -8,8 +8,8 @@
  * source, source_view, depth: of the picture, (dst_height, dst_width). corners: (CORNER_PLANES, dst_height, dst_pitch)
  * the indices of three samples (-1 for pixels that show nothing, or another view than `view`), and their weights.
  * features: (samples, channels). pixel_features: (dst_height, dst_width, channels), whose pixels without corners become
- * 0 if this view is the `first`. ranges: (dst_height, 2) the least and the greatest index of a row's samples. gradient: as
- * pixel_features, float32. sums: (samples, channels) float32.
+ * 0 if this view is the `first`. ranges: (dst_height, 2) the least and the greatest index of a row's samples. gradient:
+ * as pixel_features, float32. sums: (samples, channels) float32.
  * pinhole: 0 if the picture has a lens, for which `map` does not hold.
  * Work-item: STRIP * LANES pixels of a row (find_corners); a row (find_ranges); `each` values of a row
  * (gather_features); `each` channels of one of `bands` parts of the samples (scatter_features). Cost: O(values);
