@@ -108,7 +108,7 @@ def test_meshes_with_different_up_directions_are_reported(folder: Path):
     for name in ("a.ply", "b.glb"):
         ibr.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).save(name)
     words = "--frames", 1, "--size", 20, 20, "-o", "c.png"
-    said = "THINGS: y is up in meshes as OBJ, PLY, OFF and STL, else -y: convert these meshes to GLB"
+    said = "THINGS: y is up in OBJ, PLY, OFF and STL meshes, -y in GLB and Gaussians: convert meshes to GLB"
     assert said in run("orbit", "a.ply", "b.glb", *words).stderr
     assert said not in run("orbit", "a.ply", *words).stderr
 
