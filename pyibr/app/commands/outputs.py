@@ -107,7 +107,7 @@ class Outputs:
                 check_video_output(path) if kind == "depth" else check_video_output(path, self._codec)
             elif kind == "color" and self._numbers is None and path.suffix.lower() in CODECS:
                 raise ArgumentError(
-                    option, "several views for a video, as by --frames or from a recording", f"one for {path}"
+                    option, "several views for a video, by --frames or from a recording", f"one for {path}"
                 )
             elif kind == "color" and not path.suffix:
                 raise ArgumentError(option, f"a file, such as {path / 'new.png'}", f"{path} without a suffix")
