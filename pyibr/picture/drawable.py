@@ -131,4 +131,4 @@ def as_drawable(thing: object) -> Drawable:
 
 
 def _has(thing: object, name: str) -> bool:
-    return inspect.getattr_static(thing, name, None) is not None
+    return inspect.getattr_static(thing, name, _has) is not _has

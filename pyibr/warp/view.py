@@ -200,14 +200,14 @@ class WarpedView(Immutable):
         cut_ratio = None if self.edges == "connect" else self.cut_ratio or _LENS_CUT_RATIO
         return [undistorted(view, cut_ratio=cut_ratio, interpolation=self.interpolation) for view in self.views]
 
-    @property
+    @cached_property
     def channels(self) -> int:
         """Number of channels of the views' features, 0 without features. Guessed views have none."""
         return max(0 if view.features is None else view.features.shape[2] for view in self.views)
 
     def carry_features(self, target: Target) -> None:
         """Add the views' features to a finished picture, which has the origins of its pixels."""
-        for number in self._seen if self.channels else ():
+        for number in self._seen:
             features = self.sources[number].features
             assert features is not None
             gather_features(self.corners(target, number), features, target, first=target.features is None)
@@ -389,6 +389,7 @@ def _checked_views(views: DepthImage | Sequence[DepthImage]) -> tuple[DepthImage
     several = tuple(cast("Sequence[DepthImage]", views if isinstance(views, Sequence) else [views]))
     if not several:
         raise ArgumentError("views", "at least one DepthImage", "an empty sequence")
+    has_features = False
     for view in several:
         if not isinstance(view, DepthImage):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ArgumentError("views", "a DepthImage or a sequence of them", describe(view))
@@ -396,8 +397,8 @@ def _checked_views(views: DepthImage | Sequence[DepthImage]) -> tuple[DepthImage
             raise ArgumentError("views", "views that all have colours, or none", "some of depth alone")
         if view.color.dtype != several[0].color.dtype:
             raise ArgumentError("views", "colours of one dtype", f"{several[0].color.dtype} and {view.color.dtype}")
-    kinds = list(dict.fromkeys(_kind_of(view.features) for view in several if not view.guessed))
-    if len(kinds) > 1:
+        has_features |= view.features is not None
+    if has_features and len(kinds := {_kind_of(view.features): 0 for view in several if not view.guessed}) > 1:
         raise ArgumentError("views", "features of one dtype and number of channels, or none", " and ".join(kinds))
     return several
 

@@ -169,7 +169,8 @@ def warped_frames(
 
         def one(camera: Camera, out: Frame | None) -> Callable[[], Frame]:
             target = PictureParts(camera, samples).drawn(draw, out=out, **shared)
-            thing.carry_features(target)
+            if thing.channels:
+                thing.carry_features(target)
             return target.begin_frame()
 
         return one
