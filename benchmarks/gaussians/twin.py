@@ -79,7 +79,7 @@ def blended(
 ) -> tuple[Float64, Float64, Float64]:
     """Colour (H, W, 3) from 0 to 1, alpha and depth (H, W) of a picture.
 
-    surface: depth of what is opaque, NaN where there is nothing; behind: its colours, from 0 to 1;
+    surface: depth of opaque things, NaN where there are none; behind: their colours, from 0 to 1;
     planes: whether depth is that of the Gaussians' planes, not of their centres.
     """
     shape = camera.height, camera.width

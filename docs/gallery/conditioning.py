@@ -13,7 +13,7 @@ import pyibr as ibr
 SIZE = (384, 224)
 CAMERA = ibr.Camera([[340, 0, 191.5], [0, 340, 111.5], [0, 0, 1]], SIZE)
 DISK, WALL, SKY = 0.8, 1.5, 1000.0  # metres from the camera
-RADIUS, TOP = 0.16, 0.3  # metres: of the disk; height of the wall above the camera, over which the sky is seen
+RADIUS, TOP = 0.16, 0.3  # metres: the disk's radius; the wall's height above the camera
 BAND = 2  # pixels beside an outline that do not count
 DIFFERENT = 8 / 255
 

@@ -5,7 +5,7 @@
  * those of a margin. So features are linear in those of the samples, and `scatter_features` is the transposed map: it
  * gives a loss's gradient for the samples from its gradient for the pixels.
  *
- * source, source_view, depth: of the picture, (dst_height, dst_width). corners: (CORNER_PLANES, dst_height, dst_pitch)
+ * source, source_view, depth: the picture's, (dst_height, dst_width). corners: (CORNER_PLANES, dst_height, dst_pitch)
  * the indices of three samples (-1 for pixels that show nothing, or another view than `view`), and their weights.
  * features: (samples, channels). pixel_features: (dst_height, dst_width, channels), whose pixels without corners become
  * 0 if this view is the `first`. ranges: (dst_height, 2) the least and the greatest index of a row's samples. gradient:
@@ -106,7 +106,7 @@ kernel void find_corners(global const float *surface, global const float *source
     }
 }
 
-/* One pixel's corners. Those without weight do not count: their features may be infinite. */
+/* One pixel's corners. Corners of weight 0 are left out, since their features may be infinite. */
 typedef struct {
     int samples[3]; /* the first is -1 if there are none */
     float weights[3];

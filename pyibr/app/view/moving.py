@@ -24,11 +24,11 @@ Draw = Callable[[Camera], Frame]
 
 _FAST = 0.015  # seconds: things that are drawn in less are drawn exactly for a moving camera, too
 _PACE = 1 / 40  # seconds from warp to warp while an exact picture is drawn, which needs time, too
-_KEPT, _LOOKS = 4, 4  # exact pictures of each look; looks
+_KEPT, _LOOKS = 4, 4  # numbers of exact pictures for each look, and of looks
 _NEAR = 0.03  # shift of a picture, in widths, from which the next exact picture is drawn meanwhile
 _FAR = 0.8  # shift from which the warp would show too little
 _BORDER = 0.125  # width beside an exact picture for a moving camera, in sides: what its motion will uncover
-_CUT_RATIO = 1.2  # of depths, which are rough where Gaussians intersect
+_CUT_RATIO = 1.2  # greatest ratio of neighbouring depths, which are rough where Gaussians intersect
 _REACH = 8  # pixels: reach of a surface's depth into its faint border
 _BEYOND = 100.0  # depth of empty pixels, in greatest depths
 
